@@ -1,0 +1,1 @@
+//! Lightcuts (Walter et al. 2005).

@@ -1,0 +1,75 @@
+//! Topology of a tree, and nothing else: what every cut and every walk needs to know.
+
+use core::ops::Range;
+
+use crate::{LightBounds, LightId};
+
+/// Index of a node in its own hierarchy. How indices are laid out is the hierarchy's business.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct NodeId(pub u32);
+
+/// Parents and children. Siblings are adjacent; any branching factor.
+///
+/// Also true of a tree that changes, such as an octree of virtual lights.
+pub trait Hierarchy {
+    /// The root, or `None` for an empty tree.
+    fn root(&self) -> Option<NodeId>;
+
+    /// Ids of the children of `node`, left to right; empty for a leaf.
+    ///
+    /// # Panics
+    /// May panic for a node that is not of this hierarchy.
+    fn children(&self, node: NodeId) -> Range<u32>;
+
+    /// Whether `node` has no children.
+    fn is_leaf(&self, node: NodeId) -> bool {
+        self.children(node).is_empty()
+    }
+}
+
+/// A built tree: the items below a node are one range of slots, and children split it left to right.
+pub trait ItemRanges: Hierarchy {
+    /// Slots of the items below `node`; never empty.
+    fn items(&self, node: NodeId) -> Range<u32>;
+}
+
+/// A built tree over lights: what samplers and cuts ask of it. Implemented by [`LightTree`](crate::LightTree)
+/// and [`PerfectTree`](crate::PerfectTree); a leaf may hold several lights.
+pub trait LightHierarchy: ItemRanges {
+    /// Bounds of all lights below `node`.
+    fn bounds(&self, node: NodeId) -> LightBounds;
+
+    /// The light in a slot.
+    fn light_at(&self, slot: u32) -> LightId;
+
+    /// The slot of a light; `None` if the tree was built without it (zero intensity, or no such light).
+    fn slot_of(&self, light: LightId) -> Option<u32>;
+}
+
+impl<T: Hierarchy + ?Sized> Hierarchy for &T {
+    fn root(&self) -> Option<NodeId> {
+        (**self).root()
+    }
+    fn children(&self, node: NodeId) -> Range<u32> {
+        (**self).children(node)
+    }
+}
+
+impl<T: ItemRanges + ?Sized> ItemRanges for &T {
+    fn items(&self, node: NodeId) -> Range<u32> {
+        (**self).items(node)
+    }
+}
+
+impl<T: LightHierarchy + ?Sized> LightHierarchy for &T {
+    fn bounds(&self, node: NodeId) -> LightBounds {
+        (**self).bounds(node)
+    }
+    fn light_at(&self, slot: u32) -> LightId {
+        (**self).light_at(slot)
+    }
+    fn slot_of(&self, light: LightId) -> Option<u32> {
+        (**self).slot_of(light)
+    }
+}

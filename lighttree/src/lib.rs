@@ -1,0 +1,45 @@
+//! Light trees, cuts and bounds: the common ground of methods that render with very many lights.
+//!
+//! Every such method ends in the same thing: for each *receiver* a short list of lights and weights whose
+//! weighted sum estimates the sum over all lights, found by way of a *cut* through a hierarchy of lights. This
+//! crate holds exactly what they share. It knows no material, no ray tracer, no GPU and no file format: those
+//! enter as [`Emitter`] (one method), [`Receiver`] (two), [`RayQueries`] and closures.
+//!
+//! # Conventions
+//!
+//! Said once, here, and meant everywhere.
+//!
+//! - **Space.** Positions are in world space in the scene's own length unit, whatever it is: nothing in this
+//!   crate holds a length of its own, and scaling a scene by any factor from 1e-18 to 1e18 changes no
+//!   probability. Handedness does not matter. Directions named `axis` or `normal` are unit vectors, and point away from the
+//!   surface or along the emission.
+//! - **Units.** An emitter's strength is its *peak radiant intensity* in W·sr⁻¹: the most that it sends into
+//!   any direction. A surface of radiance L and area A has intensity L·A. It is a scalar: take the
+//!   largest colour channel where a bound must hold for each channel, a luminance where it only steers a choice.
+//! - **Contribution.** The *contribution* of a light to a receiver is ∫ L · f_s · cos θ · cos θ_l / d² dA, that is intensity towards
+//!   the receiver × scattering at the receiver × its cosine ÷ squared distance. Visibility is never in it.
+//! - **Bound, importance.** A [`Bound`] holds: no contribution is larger. An *importance* only steers and may be
+//!   wrong in either direction as long as it is positive where the contribution is.
+//! - **pmf, pdf.** A pmf is the probability of a light, dimensionless; a pdf a density, per steradian or area.
+//! - **Angles** are kept as cosines; where an angle is meant it is in radians.
+//! - **Random numbers** are counter based ([`rng`]): a function of a seed and indices, the same bits for any
+//!   thread count and on a GPU.
+//! - **Errors.** Bad input is a typed error that names the index; a programmer's mistake (slices of different
+//!   lengths, a node of another tree) panics with the rule in its message; what may be absent is an `Option`.
+
+mod bound;
+mod bounds;
+mod emitter;
+mod hierarchy;
+mod rays;
+mod receiver;
+pub mod rng;
+mod toward;
+
+pub use bound::{Bound, GeometricBound, NodeBound};
+pub use bounds::{Cone, LightBounds};
+pub use emitter::{Emitter, LightId};
+pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
+pub use rays::{Ray, RayHit, RayQueries, Segment};
+pub use receiver::{LambertReceiver, Receiver};
+pub use toward::Toward;

@@ -1,0 +1,82 @@
+//! Counter-based random numbers, specified to the bit: a pure function of a key, with no state to carry.
+//!
+//! The mixing function is pcg4d of Jarzynski and Olano, "Hash Functions for GPU Rendering", 2020: four u32 in, four u32
+//! out, only wrapping 32-bit multiplies, adds, xors and one shift, so that WGSL has the same bits.
+
+/// Four well mixed words from four counters.
+pub const fn pcg4d(key: [u32; 4]) -> [u32; 4] {
+    let mut v = key;
+    let mut i = 0;
+    while i < 4 {
+        v[i] = v[i].wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        i += 1;
+    }
+    v = mix(v);
+    i = 0;
+    while i < 4 {
+        v[i] ^= v[i] >> 16;
+        i += 1;
+    }
+    mix(v)
+}
+
+const fn mix(mut v: [u32; 4]) -> [u32; 4] {
+    v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[3]));
+    v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
+    v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
+    v[3] = v[3].wrapping_add(v[1].wrapping_mul(v[2]));
+    v
+}
+
+/// The top 24 bits of a word as a number in [0, 1): exact in f32, the same in WGSL.
+pub fn unit_f32(word: u32) -> f32 {
+    (word >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// A stream of random words with an address: same seed and indices, same numbers.
+///
+/// ```
+/// use lighttree::rng::Random;
+/// let mut random = Random::new(7, 640 * 12 + 3, 0); // seed, pixel, sample
+/// let (u, v) = (random.f32(), random.f32());
+/// assert!((0.0..1.0).contains(&u) && u != v);
+/// assert_eq!(u, Random::new(7, 640 * 12 + 3, 0).f32());
+/// ```
+#[derive(Clone, Debug)]
+pub struct Random {
+    key: [u32; 4],
+    words: [u32; 4],
+}
+
+impl Random {
+    /// The stream at `(seed, stream, index)`, e.g. the user's seed, the pixel and the sample.
+    pub const fn new(seed: u32, stream: u32, index: u32) -> Self {
+        Self { key: [seed, stream, index, 0], words: [0; 4] }
+    }
+
+    /// The next 32 bits. Word `n` of the stream is component `n % 4` of `pcg4d([seed, stream, index, n / 4])`.
+    pub const fn u32(&mut self) -> u32 {
+        let lane = (self.key[3] % 4) as usize;
+        if lane == 0 {
+            self.words = pcg4d([self.key[0], self.key[1], self.key[2], self.key[3] / 4]);
+        }
+        self.key[3] = self.key[3].wrapping_add(1);
+        self.words[lane]
+    }
+
+    /// The next 64 bits, the first word on top.
+    pub const fn u64(&mut self) -> u64 {
+        let high = self.u32() as u64;
+        high << 32 | self.u32() as u64
+    }
+
+    /// The next number in [0, 1), 24 bits of it.
+    pub fn f32(&mut self) -> f32 {
+        unit_f32(self.u32())
+    }
+
+    /// The next number in [0, 1), 53 bits of it; takes two words.
+    pub fn f64(&mut self) -> f64 {
+        (self.u64() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+    }
+}

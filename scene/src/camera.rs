@@ -1,0 +1,40 @@
+//! A pinhole camera.
+
+use glam::{Vec2, Vec3};
+use lighttree::Ray;
+
+/// A pinhole camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// For `--set camera=NAME`.
+    pub name: String,
+    /// World-space position.
+    pub position: Vec3,
+    /// Unit direction of view.
+    pub forward: Vec3,
+    /// Unit, to the right of the image.
+    pub right: Vec3,
+    /// Unit, to the top of the image.
+    pub up: Vec3,
+    /// Full vertical angle of view, radians, in (0, π).
+    pub vertical_fov: f32,
+}
+
+impl Camera {
+    /// A camera at `position` looking at `target`, upright by `up`.
+    pub fn look_at(name: &str, position: Vec3, target: Vec3, up: Vec3, vertical_fov: f32) -> Self {
+        let forward = (target - position).normalize();
+        let right = forward.cross(up).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
+        Self { name: name.to_owned(), position, forward, right, up: right.cross(forward), vertical_fov }
+    }
+
+    /// The ray through `at` (in pixels, (0, 0) the upper left corner of the image) of a `width` × `height` image;
+    /// pixels are square.
+    pub fn ray(&self, at: Vec2, width: u32, height: u32) -> Ray {
+        let half = (0.5 * self.vertical_fov).tan();
+        let y = (1.0 - 2.0 * at.y / height as f32) * half;
+        let x = (2.0 * at.x / width as f32 - 1.0) * half * (width as f32 / height as f32);
+        let direction = (self.forward + x * self.right + y * self.up).normalize();
+        Ray { origin: self.position, direction, t_max: f32::INFINITY }
+    }
+}

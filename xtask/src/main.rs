@@ -1,0 +1,3 @@
+//! The one program of the workspace: `cargo xtask`.
+
+fn main() {}

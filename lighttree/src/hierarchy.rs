@@ -5,7 +5,9 @@ use core::ops::Range;
 use crate::{LightBounds, LightId};
 
 /// Index of a node in its own hierarchy. How indices are laid out is the hierarchy's business.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, bytemuck::Pod, bytemuck::Zeroable,
+)]
 #[repr(transparent)]
 pub struct NodeId(pub u32);
 

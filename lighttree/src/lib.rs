@@ -29,17 +29,21 @@
 
 mod bound;
 mod bounds;
+mod cut;
 mod emitter;
 mod hierarchy;
 mod rays;
 mod receiver;
 pub mod rng;
+mod select;
 mod toward;
 
 pub use bound::{Bound, GeometricBound, NodeBound};
 pub use bounds::{Cone, LightBounds};
+pub use cut::{Cut, CutError, overlay};
 pub use emitter::{Emitter, LightId};
 pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
 pub use rays::{Ray, RayHit, RayQueries, Segment};
 pub use receiver::{LambertReceiver, Receiver};
+pub use select::{CutPolicy, CutSelector, select_cut};
 pub use toward::Toward;

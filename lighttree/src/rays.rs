@@ -85,7 +85,13 @@ pub trait RayQueries {
     ///
     /// # Panics
     /// If the slices differ in length.
-    fn occluded_from(&self, origin: Vec3, targets: &[Vec3], occluded: &mut [bool], scratch: &mut Self::Scratch) {
+    fn occluded_from(
+        &self,
+        origin: Vec3,
+        targets: &[Vec3],
+        occluded: &mut [bool],
+        scratch: &mut Self::Scratch,
+    ) {
         assert_eq!(targets.len(), occluded.len(), "one answer per target");
         for (&to, occluded) in targets.iter().zip(occluded) {
             *occluded = self.occluded(&Segment { from: origin, to }, scratch);

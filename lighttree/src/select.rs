@@ -1,0 +1,138 @@
+//! Worst-first refinement: from the root down until no node of the cut has more error than is tolerated.
+//!
+//! Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, section 4: a heap ordered by error bound.
+//! Lin and Yuksel's cut of a fixed size ("Real-Time Stochastic Lightcuts", 2020, section 3) is the same with a tolerance
+//! of zero.
+
+use core::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use crate::{Cut, ItemRanges, NodeId};
+
+/// How a cut is refined: nodes enter and nodes leave, until none has more error than is tolerated.
+///
+/// Enter and leave rather than a priority, because the tolerance may depend on the cut as a whole: a lightcut compares
+/// each error with the running total.
+pub trait CutPolicy {
+    /// What the cut keeps for each node.
+    type Value;
+
+    /// A node joins the cut; `parent` is the value of the node it was split from, `None` for the root. Returns its value and
+    /// the error it leaves: not negative, not NaN, 0 for exact; infinite for "split in any case".
+    fn enter(&mut self, node: NodeId, parent: Option<&Self::Value>) -> (Self::Value, f64);
+
+    /// A node leaves the cut, and its children are about to enter.
+    fn leave(&mut self, node: NodeId, value: &Self::Value);
+
+    /// The error that a node of the cut may have, for the cut as it stands. NaN counts as none at all.
+    fn tolerance(&self) -> f64;
+}
+
+/// The memory of a selection, reused from receiver to receiver: nothing is allocated once it has grown.
+#[derive(Debug)]
+pub struct CutSelector<V> {
+    heap: BinaryHeap<Entry<V>>,
+    ordered: Vec<(u32, Entry<V>)>,
+}
+
+impl<V> Default for CutSelector<V> {
+    fn default() -> Self {
+        Self { heap: BinaryHeap::new(), ordered: Vec::new() }
+    }
+}
+
+impl<V> CutSelector<V> {
+    /// Refines from the root, always the node of the largest error (ties: the lowest id), until that error is tolerated, the node is a leaf, or
+    /// its children would not fit into `max_nodes`. At least the root is always there, also for `max_nodes` 0.
+    ///
+    /// Cost: one [`enter`](CutPolicy::enter) per node visited, which is less than twice the cut in a binary tree,
+    /// plus O(log n) each.
+    pub fn refine<T, P>(&mut self, tree: &T, policy: &mut P, max_nodes: usize)
+    where
+        T: ItemRanges + ?Sized,
+        P: CutPolicy<Value = V>,
+    {
+        self.heap.clear();
+        if let Some(root) = tree.root() {
+            self.enter(policy, root, None);
+        }
+        while let Some(worst) = self.heap.peek() {
+            let children = tree.children(worst.node);
+            let fits = self.heap.len() - 1 + children.len() <= max_nodes;
+            if worst.error <= policy.tolerance() || children.is_empty() || !fits {
+                break;
+            }
+            let Some(parent) = self.heap.pop() else { break };
+            policy.leave(parent.node, &parent.value);
+            for child in children {
+                self.enter(policy, NodeId(child), Some(&parent.value));
+            }
+        }
+    }
+
+    /// The nodes of the last [`refine`](Self::refine) with value and error, in no particular order: for
+    /// callers that only sum up.
+    pub fn unordered(&self) -> impl ExactSizeIterator<Item = (NodeId, &V, f64)> {
+        self.heap.iter().map(|e| (e.node, &e.value, e.error))
+    }
+
+    /// Moves the nodes of the last [`refine`](Self::refine) into `cut`, left to right, which costs a sort.
+    pub fn drain_into<T: ItemRanges + ?Sized>(&mut self, tree: &T, cut: &mut Cut<V>) {
+        self.ordered.extend(self.heap.drain().map(|e| (tree.items(e.node).start, e)));
+        self.ordered.sort_unstable_by_key(|(first_item, _)| *first_item);
+        cut.clear();
+        for (_, e) in self.ordered.drain(..) {
+            cut.push(e.node, e.value);
+        }
+        debug_assert_eq!(cut.check(tree), Ok(()), "refinement yields a cut");
+    }
+
+    fn enter<P: CutPolicy<Value = V>>(&mut self, policy: &mut P, node: NodeId, parent: Option<&V>) {
+        let (value, error) = policy.enter(node, parent);
+        debug_assert!(
+            error >= 0.0,
+            "the error of node {} is {error}; it must be a number and not negative",
+            node.0
+        );
+        self.heap.push(Entry { error, node, value });
+    }
+}
+
+/// Worst-first refinement of one cut; see [`CutSelector::refine`], which this wraps with memory of its own.
+pub fn select_cut<T, P>(tree: &T, policy: &mut P, max_nodes: usize) -> Cut<P::Value>
+where
+    T: ItemRanges + ?Sized,
+    P: CutPolicy,
+{
+    let (mut selector, mut cut) = (CutSelector::default(), Cut::default());
+    selector.refine(tree, policy, max_nodes);
+    selector.drain_into(tree, &mut cut);
+    cut
+}
+
+#[derive(Debug)]
+struct Entry<V> {
+    error: f64,
+    node: NodeId,
+    value: V,
+}
+
+impl<V> Ord for Entry<V> {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.error.total_cmp(&other.error).then(other.node.cmp(&self.node))
+    }
+}
+
+impl<V> PartialOrd for Entry<V> {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl<V> PartialEq for Entry<V> {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl<V> Eq for Entry<V> {}

@@ -47,6 +47,14 @@ pub trait LightHierarchy: ItemRanges {
 
     /// The slot of a light; `None` if the tree was built without it (zero intensity, or no such light).
     fn slot_of(&self, light: LightId) -> Option<u32>;
+
+    /// Length of an array parallel to the nodes: where crates keep what they need per node.
+    fn node_count(&self) -> usize;
+
+    /// The place of a node in such an array, below [`node_count`](Self::node_count).
+    fn node_index(&self, node: NodeId) -> usize {
+        node.0 as usize
+    }
 }
 
 impl<T: Hierarchy + ?Sized> Hierarchy for &T {
@@ -73,5 +81,11 @@ impl<T: LightHierarchy + ?Sized> LightHierarchy for &T {
     }
     fn slot_of(&self, light: LightId) -> Option<u32> {
         (**self).slot_of(light)
+    }
+    fn node_count(&self) -> usize {
+        (**self).node_count()
+    }
+    fn node_index(&self, node: NodeId) -> usize {
+        (**self).node_index(node)
     }
 }

@@ -1,0 +1,90 @@
+//! `cargo xtask test`: every test of the workspace, documentation and examples included.
+
+use crate::cargo::{cargo, has_subcommand, metadata, run, workspace_root};
+use crate::failure::Failure;
+
+/// What to test.
+#[derive(clap::Args)]
+pub(crate) struct TestArgs {
+    /// Fewer random cases per property (16 instead of 256), and no examples or documentation tests
+    #[arg(long)]
+    quick: bool,
+}
+
+/// Random cases per property in a quick run.
+const QUICK_CASES: &str = "16";
+
+/// Runs all tests. The test runner's own summary is the last thing it prints.
+pub(crate) fn test(args: &TestArgs) -> Result<(), Failure> {
+    say_where_scenes_are();
+    if !args.quick {
+        run_doc_tests()?;
+        run_examples()?;
+    }
+    run_tests(args.quick)
+}
+
+/// Tests over real scenes say themselves when they skip; this line says it once, where it is seen.
+fn say_where_scenes_are() {
+    let scenes = std::env::var_os("LIGHTTREE_SCENES")
+        .map_or_else(|| workspace_root().join("../shared/scenes"), std::path::PathBuf::from);
+    if scenes.is_dir() {
+        eprintln!("real scenes: found; the tests over them run");
+    } else {
+        eprintln!(
+            "real scenes: none beside the workspace, so tests over them skip (LIGHTTREE_SCENES=FOLDER names one)"
+        );
+    }
+}
+
+fn run_tests(quick: bool) -> Result<(), Failure> {
+    let nextest = has_subcommand("nextest");
+    let runner: &[&str] = if nextest { &["nextest", "run"] } else { &["test"] };
+    let mut command = cargo(runner);
+    // The same features everywhere, so that no dependency is compiled twice for different steps.
+    command.args(["--workspace", "--all-features", "--locked", "--lib", "--bins", "--tests"]);
+    if nextest {
+        command.args(["--no-fail-fast", "--status-level", "slow", "--cargo-quiet"]);
+    } else {
+        command.arg("--no-fail-fast");
+    }
+    if quick {
+        command.env("PROPTEST_CASES", QUICK_CASES);
+    }
+    run(command, "the lines above name the tests that failed")
+}
+
+fn run_doc_tests() -> Result<(), Failure> {
+    let command = cargo(&["test", "--doc", "--workspace", "--all-features", "--locked", "--quiet"]);
+    run(command, "the lines above name the documentation test that failed")
+}
+
+/// Every example of a member runs without arguments and checks its own result.
+fn run_examples() -> Result<(), Failure> {
+    let metadata = metadata()?;
+    let members = metadata["workspace_members"].as_array().cloned().unwrap_or_default();
+    for package in metadata["packages"].as_array().into_iter().flatten() {
+        if !members.contains(&package["id"]) {
+            continue;
+        }
+        let name = package["name"].as_str().unwrap_or_default();
+        for target in package["targets"].as_array().into_iter().flatten() {
+            let is_example =
+                target["kind"].as_array().is_some_and(|kinds| kinds.iter().any(|kind| kind == "example"));
+            if let (true, Some(example)) = (is_example, target["name"].as_str()) {
+                let command = cargo(&[
+                    "run",
+                    "--quiet",
+                    "--locked",
+                    "--all-features",
+                    "--package",
+                    name,
+                    "--example",
+                    example,
+                ]);
+                run(command, "the example's own lines above say what went wrong")?;
+            }
+        }
+    }
+    Ok(())
+}

@@ -16,7 +16,7 @@
 //! - **Units.** An emitter's strength is its *peak radiant intensity* in W·sr⁻¹: the most that it sends into
 //!   any direction. A surface of radiance L and area A has intensity L·A. It is a scalar: take the
 //!   largest colour channel where a bound must hold for each channel, a luminance where it only steers a choice.
-//! - **Contribution.** The *contribution* of a light to a receiver is ∫ L · f_s · cos θ · cos θ_l / d² dA, that is intensity towards
+//! - **Contribution.** The *contribution* of a light to a receiver is ∫ L · f · cos θ · cos θ′ / d² dA, f the BSDF and θ′ at the light: that is intensity towards
 //!   the receiver × scattering at the receiver × its cosine ÷ squared distance. Visibility is never in it.
 //! - **Bound, importance.** A [`Bound`] holds: no contribution is larger. An *importance* only steers and may be
 //!   wrong in either direction as long as it is positive where the contribution is.
@@ -35,15 +35,17 @@ mod hierarchy;
 mod rays;
 mod receiver;
 pub mod rng;
+mod sampler;
 mod select;
 mod toward;
 
-pub use bound::{Bound, GeometricBound, NodeBound};
+pub use bound::{Bound, BoundTerms, GeometricBound, NodeBound, emission_bound};
 pub use bounds::{Cone, LightBounds};
 pub use cut::{Cut, CutError, overlay};
 pub use emitter::{Emitter, LightId};
 pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
 pub use rays::{Ray, RayHit, RayQueries, Segment};
 pub use receiver::{LambertReceiver, Receiver};
+pub use sampler::{BatchLightSampler, LightSample, LightSampler, PerReceiver, SampleRequest, WeightedLight};
 pub use select::{CutPolicy, CutSelector, select_cut};
 pub use toward::Toward;

@@ -24,7 +24,7 @@ pub trait Receiver {
     /// World-space position.
     fn position(&self) -> Vec3;
 
-    /// Upper bound of |f_s · cos θ| in sr⁻¹, over all directions in `toward`. Lambert: albedo/π × largest
+    /// Upper bound of |f · cos θ|, f the BSDF, in sr⁻¹, over all directions in `toward`. Lambert: albedo/π × largest
     /// cosine; a phase function: its largest value. Infinite is allowed, and keeps a cut refining.
     fn scatter_bound(&self, toward: &Toward) -> f32;
 }

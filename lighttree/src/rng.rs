@@ -80,3 +80,72 @@ impl Random {
         (self.u64() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
     }
 }
+
+/// A uniform random number that is consumed choice by choice and never runs out: an arithmetic decoder.
+///
+/// One float rescaled from level to level, as most light trees have it, loses a bit per level: in a tree of 2^20 lights, half
+/// of them could never be drawn. Here `value` is uniform among `0..=last`, both 64 bits. A choice
+/// with probability `q / 2^32` splits that range in this proportion, exactly, and keeps the part that `value` is in; when fewer
+/// than 32 bits are left, 32 fresh ones are appended from the stream. So the number keeps its order (choices are monotone in
+/// the first 64 bits, which may be stratified or of low discrepancy), every leaf of any tree is reachable, and the probability of
+/// a sequence of choices is the product of the `q / 2^32`, to the last bit.
+///
+/// To the bit, with `span = last + 1`: let `split = span · q` (96 bits), `whole = split >> 32`, `part = split mod 2^32`.
+/// - `value < whole`: first; `last = whole - 1`.
+/// - `value > whole`: second; `value -= whole + 1`, `last -= whole + 1`.
+/// - `value == whole`, which is rarer than 2^-32: first if the next word of the stream is below `part`, otherwise
+///   second; then `value` is the next two words, the first on top, and `last = 2^64 - 1`.
+///
+/// Then, if `last < 2^32`: `value = value · 2^32 + next word`, `last = last · 2^32 + 2^32 - 1`.
+#[derive(Clone, Debug)]
+pub struct Decisions {
+    value: u64,
+    last: u64,
+    fresh: Random,
+}
+
+impl Decisions {
+    /// Starts with the first two words of the stream.
+    pub const fn new(mut stream: Random) -> Self {
+        let value = stream.u64();
+        Self { value, last: u64::MAX, fresh: stream }
+    }
+
+    /// Starts with a number of the caller's, `first / 2^64`, and goes on with the stream.
+    pub const fn starting_with(first: u64, stream: Random) -> Self {
+        Self { value: first, last: u64::MAX, fresh: stream }
+    }
+
+    /// The stream, to go on with fresh words.
+    pub fn into_stream(self) -> Random {
+        self.fresh
+    }
+
+    /// True with probability `first / 2^32`, exactly; false with the rest.
+    pub fn choose(&mut self, first: u32) -> bool {
+        let split = (u128::from(self.last) + 1) * u128::from(first);
+        let (whole, part) = ((split >> 32) as u64, split as u32);
+        let chosen = match self.value.cmp(&whole) {
+            core::cmp::Ordering::Less => {
+                self.last = whole - 1;
+                true
+            }
+            core::cmp::Ordering::Greater => {
+                self.value -= whole + 1;
+                self.last -= whole + 1;
+                false
+            }
+            core::cmp::Ordering::Equal => {
+                let first = self.fresh.u32() < part;
+                self.value = self.fresh.u64();
+                self.last = u64::MAX;
+                first
+            }
+        };
+        if self.last >> 32 == 0 {
+            self.value = self.value << 32 | u64::from(self.fresh.u32());
+            self.last = self.last << 32 | 0xffff_ffff;
+        }
+        chosen
+    }
+}

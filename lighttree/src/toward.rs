@@ -8,38 +8,123 @@ use glam::{DVec3, Vec3};
 /// 1e18, or far from the origin, need no special care.
 #[derive(Clone, Copy, Debug)]
 pub struct Toward {
-    /// Centre of the box, relative to the receiver.
-    center: DVec3,
-    /// Half the box's extents; never negative.
-    half: DVec3,
+    /// Smallest coordinates of the box, relative to the receiver.
+    low: DVec3,
+    /// Largest coordinates of the box, relative to the receiver.
+    high: DVec3,
 }
 
 impl Toward {
     /// The box `min..=max` seen from `position`.
+    #[inline]
     pub fn new(position: Vec3, min: Vec3, max: Vec3) -> Self {
-        let (min, max) = (min.as_dvec3(), max.as_dvec3());
-        Self { center: 0.5 * (min + max) - position.as_dvec3(), half: 0.5 * (max - min) }
+        let position = position.as_dvec3();
+        Self { low: min.as_dvec3() - position, high: max.as_dvec3() - position }
     }
 
     /// Squared distance to the nearest point of the box; 0 inside it.
+    #[inline]
     pub fn min_distance_squared(&self) -> f64 {
-        (self.center.abs() - self.half).max(DVec3::ZERO).length_squared()
+        self.low.max(-self.high).max(DVec3::ZERO).length_squared()
     }
 
     /// Squared distance to the farthest point of the box.
+    #[inline]
     pub fn max_distance_squared(&self) -> f64 {
-        (self.center.abs() + self.half).length_squared()
+        self.high.max(-self.low).length_squared()
     }
 
     /// Squared distance to the centre of the box.
+    #[inline]
     pub fn center_distance_squared(&self) -> f64 {
-        self.center.length_squared()
+        (0.5 * (self.low + self.high)).length_squared()
+    }
+
+    /// Squared length of the box's diagonal.
+    #[inline]
+    pub fn diagonal_squared(&self) -> f64 {
+        (self.high - self.low).length_squared()
+    }
+
+    /// Whether the receiver lies in the box or on its surface.
+    #[inline]
+    pub fn is_inside(&self) -> bool {
+        self.low.cmple(DVec3::ZERO).all() && self.high.cmpge(DVec3::ZERO).all()
     }
 
     /// Upper bound, in [-1, 1], of the cosine between `axis` and any direction into the box. 1 where the box
-    /// holds the receiver, or where `axis` is zero.
+    /// holds the receiver, or where `axis` is zero or not finite. `axis` need not be a unit vector.
+    ///
+    /// Where it is positive it is the largest cosine itself, but for rounding (up); it is not positive if and only if
+    /// the whole box is on or below the plane through the receiver across `axis`.
+    #[inline]
     pub fn max_cos(&self, axis: Vec3) -> f32 {
-        let _ = axis;
-        1.0
+        let cos = self.max_cos_f64(axis);
+        let nearest = cos as f32;
+        if f64::from(nearest) < cos { nearest.next_up() } else { nearest }
+    }
+
+    /// [`max_cos`](Self::max_cos) to full precision, for lobes so narrow that f32 cosines near 1 are too coarse.
+    ///
+    /// The point `p` of the box with the largest `n·p/|p|` is the one nearest to `t·n` for `t = |p|²/(n·p)` (the
+    /// Karush-Kuhn-Tucker conditions of that maximum). Once it is known in which coordinates `t·n` lies outside the box, so that `p`
+    /// is at its faces there, `t` has a closed form; so repeat until those coordinates stay the same, two or three
+    /// times as a rule. The bound of Walter et al. 2005, from a box around the box in the frame of `n`, is looser and costs as much;
+    /// it remains as the way out.
+    pub fn max_cos_f64(&self, axis: Vec3) -> f64 {
+        let axis = axis.as_dvec3();
+        let squared = axis.length_squared();
+        if !(squared > 0.0 && squared < f64::INFINITY) || self.is_inside() {
+            return 1.0;
+        }
+        let n = axis / squared.sqrt();
+        let highest = (n * self.low).max(n * self.high).element_sum();
+        if highest > 0.0 {
+            self.largest_cos(n).unwrap_or_else(|| self.walter_cos(n, highest)).min(1.0)
+        } else {
+            // At most this high, and at most that far away.
+            (highest / self.max_distance_squared().sqrt()).max(-1.0)
+        }
+    }
+
+    /// The largest cosine to the unit vector `n`, of a box that does not lie wholly below the horizon; `None` if the search
+    /// has not ended after a few rounds.
+    fn largest_cos(&self, n: DVec3) -> Option<f64> {
+        let center = self.low + self.high;
+        let mut t = 0.5 * center.length_squared() / n.dot(center);
+        let mut last = (glam::BVec3::FALSE, glam::BVec3::FALSE);
+        for round in 0..10 {
+            let top = n * t;
+            let (below, above) = (top.cmplt(self.low), top.cmpgt(self.high));
+            let p = top.max(self.low).min(self.high);
+            if round > 0 && (below, above) == last {
+                return Some(n.dot(p) / p.length());
+            }
+            last = (below, above);
+            let fixed = DVec3::select(below | above, p, DVec3::ZERO);
+            let (along, squared) = (n.dot(fixed), fixed.length_squared());
+            if squared == 0.0 {
+                return Some(1.0); // t·n itself is in the box
+            }
+            t = if along > 0.0 { squared / along } else { self.beyond(n) };
+        }
+        None
+    }
+
+    /// A `t` for which no coordinate of `t·n` that can leave the box is left within it.
+    fn beyond(&self, n: DVec3) -> f64 {
+        let faces = DVec3::select(n.cmpge(DVec3::ZERO), self.high, self.low);
+        let leave = DVec3::select(n.cmpne(DVec3::ZERO), faces / n, DVec3::ZERO);
+        2.0 * leave.max_element()
+    }
+
+    /// Walter et al. 2005, "Lightcuts", section 4.1: at most so high, and at least so far from the axis.
+    fn walter_cos(&self, n: DVec3, highest: f64) -> f64 {
+        let (u, v) = n.any_orthonormal_pair();
+        let aside = |d: DVec3| {
+            let (a, b) = (d * self.low, d * self.high);
+            a.min(b).element_sum().max(-a.max(b).element_sum()).max(0.0)
+        };
+        highest / (highest * highest + aside(u).powi(2) + aside(v).powi(2)).sqrt()
     }
 }

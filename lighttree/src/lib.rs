@@ -29,23 +29,31 @@
 
 mod bound;
 mod bounds;
+mod build;
 mod cut;
 mod emitter;
 mod hierarchy;
+mod node;
+mod perfect;
 mod rays;
 mod receiver;
 pub mod rng;
 mod sampler;
 mod select;
 mod toward;
+mod tree;
 
 pub use bound::{Bound, BoundTerms, GeometricBound, NodeBound, emission_bound};
 pub use bounds::{Cone, LightBounds};
+pub use build::{BuildError, BuildMethod, BuildParams, MortonBits};
 pub use cut::{Cut, CutError, overlay};
 pub use emitter::{Emitter, LightId};
 pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
+pub use node::{LightNode, PerfectNode};
+pub use perfect::PerfectTree;
 pub use rays::{Ray, RayHit, RayQueries, Segment};
 pub use receiver::{LambertReceiver, Receiver};
 pub use sampler::{BatchLightSampler, LightSample, LightSampler, PerReceiver, SampleRequest, WeightedLight};
 pub use select::{CutPolicy, CutSelector, select_cut};
 pub use toward::Toward;
+pub use tree::LightTree;

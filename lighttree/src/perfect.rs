@@ -1,0 +1,272 @@
+//! The perfect binary tree over a Morton order, without cones.
+//!
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4: one light to a leaf, as many levels as the next
+//! power of two needs, children implied by the parent's id, 32 bytes a node.
+//!
+//! Differs from the paper: leaves that would be bogus are not stored. The real nodes of every level come first,
+//! so level by level only that prefix is kept; a node at the end of its level may have one child. Equal Morton keys
+//! are ordered by light id. The way from a light to its slot is kept in the word that the paper leaves unused in
+//! inner nodes.
+
+use core::ops::Range;
+
+use bytemuck::Zeroable;
+use glam::Vec3;
+
+use crate::build::{BuildError, MortonBits, emit::ceil_log2, morton, parallel, survey};
+use crate::{Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, NodeId, PerfectNode};
+
+/// A perfect binary tree over lights in Morton order. Built in linear time; its nodes know no directions.
+///
+/// Ids are those of a binary heap: the root is 1, the children of `i` are `2i` and `2i + 1`. At most 64 bytes a
+/// light.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PerfectTree {
+    /// The levels one after the other, the root's first.
+    nodes: Vec<PerfectNode>,
+    /// Number of lights.
+    len: u32,
+    /// Depth of the leaves; the root is at 0.
+    depth: u32,
+    /// What a heap id at each depth lacks to be an index into `nodes`, modulo 2³².
+    shifts: Vec<u32>,
+    /// Slots of the lights whose id is not below the number of inner nodes.
+    late_slots: Vec<u32>,
+    dropped: usize,
+    unit: f64,
+}
+
+/// Subtrees of at most this many levels are built by one thread, level after level while they are in its cache.
+const SERIAL_LEVELS: usize = 11;
+
+impl PerfectTree {
+    /// Builds the tree over all lights of non-zero intensity; the same bits for any number of threads.
+    ///
+    /// Lights without intensity are left out and counted ([`dropped`](Self::dropped)).
+    ///
+    /// # Errors
+    /// See [`BuildError`]: the first light, by index, that cannot be used.
+    pub fn build(lights: &[impl Emitter + Sync], bits: MortonBits) -> Result<Self, BuildError> {
+        let survey = survey::survey(lights)?;
+        if survey.kept == 0 {
+            return Ok(Self {
+                late_slots: vec![u32::MAX; lights.len()],
+                dropped: lights.len(),
+                ..Self::default()
+            });
+        }
+        let order = morton::order(lights, &survey, bits);
+        let mut slot_of = slots_by_light(&order, lights.len());
+
+        let depth = ceil_log2(order.len());
+        let level_sizes: Vec<_> = (0..=depth).map(|d| order.len().div_ceil(1 << (depth - d))).collect();
+        let mut nodes = vec![PerfectNode::zeroed(); level_sizes.iter().sum()];
+        let mut levels = split_by_sizes(&mut nodes, &level_sizes);
+        let unit = survey.intensity_unit();
+        fill(&mut levels, &order, &|light| leaf(&lights[light.0 as usize].bounds(), light, unit));
+
+        let inner = nodes.len() - order.len();
+        for (node, slot) in
+            nodes[..inner].iter_mut().zip(slot_of.iter().copied().chain(core::iter::repeat(u32::MAX)))
+        {
+            node.id = slot;
+        }
+        let late_slots = slot_of.split_off(inner.min(slot_of.len()));
+
+        let starts = level_sizes.iter().scan(0u32, |start, &size| {
+            *start += size as u32;
+            Some(*start - size as u32)
+        });
+        let shifts = starts.zip(0..).map(|(start, d): (u32, u32)| start.wrapping_sub(1 << d)).collect();
+        Ok(Self { nodes, len: order.len() as u32, depth, shifts, late_slots, dropped: survey.dropped, unit })
+    }
+
+    /// All nodes, level by level, the root first: node `i` at depth `d` is at
+    /// [`node_index`](LightHierarchy::node_index).
+    pub fn nodes(&self) -> &[PerfectNode] {
+        &self.nodes
+    }
+
+    /// One node.
+    ///
+    /// # Panics
+    /// For an id that is not of this tree.
+    pub fn node(&self, node: NodeId) -> &PerfectNode {
+        &self.nodes[self.node_index(node)]
+    }
+
+    /// Number of lights in the tree.
+    pub fn len(&self) -> usize {
+        self.len as usize
+    }
+
+    /// Whether no light is in it.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Depth of all leaves; the root is at 0.
+    pub fn depth(&self) -> u32 {
+        self.depth
+    }
+
+    /// Number of lights given to the builder and left out because their intensity is zero.
+    pub fn dropped(&self) -> usize {
+        self.dropped
+    }
+
+    /// What one unit of a node's intensity stands for, W·sr⁻¹: 1, unless the sum over all lights might not be finite in
+    /// f32; then a power of two. Ratios of intensities need not care; true bounds are multiplied by it.
+    pub fn intensity_unit(&self) -> f64 {
+        self.unit
+    }
+
+    /// Heap memory of nodes and slot map, bytes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes) + size_of_val(&*self.shifts) + size_of_val(&*self.late_slots)
+    }
+
+    /// Nodes that are not leaves; they come first.
+    fn inner(&self) -> usize {
+        self.nodes.len() - self.len()
+    }
+
+    /// Depth of a node, and its place in its level.
+    fn place(&self, node: NodeId) -> (u32, u32) {
+        let depth = node.0.ilog2();
+        assert!(depth <= self.depth, "node {} is not of this tree", node.0);
+        (depth, node.0 - (1 << depth))
+    }
+}
+
+/// The slot of every light, `u32::MAX` for those without.
+fn slots_by_light(order: &[LightId], lights: usize) -> Vec<u32> {
+    let mut slots = vec![u32::MAX; lights];
+    for (light, slot) in order.iter().zip(0..) {
+        slots[light.0 as usize] = slot;
+    }
+    slots
+}
+
+fn split_by_sizes<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
+    let mut parts = Vec::with_capacity(sizes.len());
+    for &size in sizes {
+        let (part, tail) = rest.split_at_mut(size);
+        parts.push(part);
+        rest = tail;
+    }
+    parts
+}
+
+/// Fills the levels of one subtree, its root's first, over the lights in `order`.
+fn fill(
+    levels: &mut [&mut [PerfectNode]],
+    order: &[LightId],
+    leaf: &(impl Fn(LightId) -> PerfectNode + Sync),
+) {
+    if levels.len() <= SERIAL_LEVELS {
+        fill_serial(levels, order, leaf);
+        return;
+    }
+    let Some((root, below)) = levels.split_first_mut() else { return };
+    let half = 1 << (below.len() - 1);
+    if order.len() <= half {
+        fill(below, order, leaf);
+    } else {
+        let split = |(d, level): (usize, _)| <[_]>::split_at_mut(level, 1_usize << d);
+        let (mut left, mut right): (Vec<_>, Vec<_>) =
+            below.iter_mut().map(|level| &mut **level).enumerate().map(split).unzip();
+        let (order_left, order_right) = order.split_at(half);
+        parallel::join(|| fill(&mut left, order_left, leaf), || fill(&mut right, order_right, leaf));
+    }
+    root[0] = parent(below[0]);
+}
+
+fn fill_serial(levels: &mut [&mut [PerfectNode]], order: &[LightId], leaf: &impl Fn(LightId) -> PerfectNode) {
+    let Some((leaves, inner)) = levels.split_last_mut() else { return };
+    for (node, &light) in leaves.iter_mut().zip(order) {
+        *node = leaf(light);
+    }
+    let mut children: &[PerfectNode] = leaves;
+    for level in inner.iter_mut().rev() {
+        for (node, children) in level.iter_mut().zip(children.chunks(2)) {
+            *node = parent(children);
+        }
+        children = level;
+    }
+}
+
+fn leaf(bounds: &LightBounds, light: LightId, unit: f64) -> PerfectNode {
+    PerfectNode {
+        min: bounds.min.to_array(),
+        intensity: survey::in_units(bounds.intensity, unit),
+        max: bounds.max.to_array(),
+        id: light.0,
+    }
+}
+
+/// Box and intensity of one or two children together.
+fn parent(children: &[PerfectNode]) -> PerfectNode {
+    let &[a, b] = children else { return PerfectNode { id: u32::MAX, ..children[0] } };
+    PerfectNode {
+        min: Vec3::from_array(a.min).min(Vec3::from_array(b.min)).to_array(),
+        intensity: a.intensity + b.intensity,
+        max: Vec3::from_array(a.max).max(Vec3::from_array(b.max)).to_array(),
+        id: u32::MAX,
+    }
+}
+
+impl Hierarchy for PerfectTree {
+    fn root(&self) -> Option<NodeId> {
+        (!self.is_empty()).then_some(NodeId(1))
+    }
+
+    fn children(&self, node: NodeId) -> Range<u32> {
+        let (depth, place) = self.place(node);
+        if depth == self.depth {
+            return 0..0;
+        }
+        let below = ((self.len - 1) >> (self.depth - depth - 1)) + 1;
+        let first = 2 * node.0;
+        first..first + (below - 2 * place).min(2)
+    }
+}
+
+impl ItemRanges for PerfectTree {
+    fn items(&self, node: NodeId) -> Range<u32> {
+        let (depth, place) = self.place(node);
+        let height = self.depth - depth;
+        let first = place << height;
+        first..first + (self.len - first).min(1 << height)
+    }
+}
+
+impl LightHierarchy for PerfectTree {
+    fn bounds(&self, node: NodeId) -> LightBounds {
+        self.node(node).bounds()
+    }
+
+    fn light_at(&self, slot: u32) -> LightId {
+        LightId(self.nodes[self.inner() + slot as usize].id)
+    }
+
+    fn slot_of(&self, light: LightId) -> Option<u32> {
+        let light = light.0 as usize;
+        let inner = self.inner();
+        let slot = if light < inner {
+            Some(self.nodes[light].id)
+        } else {
+            self.late_slots.get(light - inner).copied()
+        };
+        slot.filter(|&slot| slot != u32::MAX)
+    }
+
+    fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+
+    fn node_index(&self, node: NodeId) -> usize {
+        let (depth, _) = self.place(node);
+        node.0.wrapping_add(self.shifts[depth as usize]) as usize
+    }
+}

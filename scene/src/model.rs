@@ -1,6 +1,12 @@
 //! A scene as plain data: what an importer or a generator fills and everything else reads.
 
+mod emission;
+
 use glam::{Affine3A, Vec2, Vec3};
+
+pub use self::emission::EmissionSummary;
+
+use lighttree::Emitter;
 
 use crate::{Camera, DistantLight, Light, Material, Texture};
 
@@ -54,6 +60,14 @@ pub struct Instance {
     pub to_world: Affine3A,
 }
 
+impl Instance {
+    /// Whether the transform mirrors (its determinant is negative), which turns the winding of triangles round:
+    /// seen from the front they are then clockwise in world space.
+    pub fn is_mirrored(&self) -> bool {
+        self.to_world.matrix3.determinant() < 0.0
+    }
+}
+
 impl Scene {
     /// Triangles after instancing.
     pub fn triangle_count(&self) -> usize {
@@ -69,5 +83,29 @@ impl Scene {
             None => Some((p, p)),
             Some((min, max)) => Some((min.min(p), max.max(p))),
         })
+    }
+
+    /// A camera that sees the whole scene, for scenes that bring none: it looks down at the bounds' centre from the
+    /// side where +Z and +X are, from as far as the sphere around the bounds needs. Without geometry it takes the
+    /// lights' bounds, without either the unit box.
+    pub fn framing_camera(&self) -> Camera {
+        const FOV: f32 = 0.9;
+        let lights = || {
+            let boxes = self.lights.iter().map(|light| light.bounds()).map(|b| (b.min, b.max));
+            boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+        };
+        let (min, max) = self.bounds().or_else(lights).unwrap_or((Vec3::splat(-0.5), Vec3::splat(0.5)));
+        // Halves first: the sum of two large coordinates may overflow.
+        let centre = 0.5 * min + 0.5 * max;
+        let radius = (0.5 * max - 0.5 * min).length();
+        let radius = if radius > 0.0 { radius } else { 1.0 };
+        let away = Vec3::new(0.55, 0.45, 1.0).normalize();
+        let position = centre + away * (radius / (0.5 * FOV).sin());
+        let mut camera = Camera::look_at("framing", position, centre, Vec3::Y, FOV);
+        if camera.forward.is_nan() {
+            camera = Camera::look_at("framing", away, Vec3::ZERO, Vec3::Y, FOV);
+            camera.position = position;
+        }
+        camera
     }
 }

@@ -46,7 +46,11 @@ impl Texture {
 
     fn decode(&self, texel: [u8; 4]) -> Vec4 {
         let [r, g, b, a] = texel.map(|c| f32::from(c) / 255.0);
-        if self.srgb { Vec4::new(srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a) } else { Vec4::new(r, g, b, a) }
+        if self.srgb {
+            Vec4::new(srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a)
+        } else {
+            Vec4::new(r, g, b, a)
+        }
     }
 }
 

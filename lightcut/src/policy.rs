@@ -1,0 +1,151 @@
+//! When a node of a lightcut is split, and what its estimate is.
+//!
+//! Walter et al. 2005, section 4.1: the error of a cluster is at most its bound, and is tolerated when it is below a
+//! share of the receiver's whole estimate as the cut stands.
+
+use glam::Vec3;
+use lighttree::{CutPolicy, LightHierarchy, LightId, NodeBound, NodeId};
+
+use crate::{LightcutParams, Representatives, Transfer, representatives::luminance};
+
+/// A node's estimate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// RGB radiance that the node's lights give to the receiver, shadows included, in W·m⁻²·sr⁻¹ divided by the tree's
+    /// largest intensity.
+    pub(crate) radiance: Vec3,
+    /// Luminance of the same without shadows.
+    pub(crate) unoccluded: f32,
+    /// The representative's, clamped if a clamp is set.
+    pub(crate) transfer: Transfer,
+    /// Whose transfer it is.
+    pub(crate) light: LightId,
+    /// Luminance of what the clamp took away, shadows included.
+    pub(crate) clamped: f32,
+}
+
+pub(crate) struct Policy<'a, T: ?Sized, R: ?Sized, B, F> {
+    pub(crate) tree: &'a T,
+    pub(crate) representatives: &'a Representatives,
+    pub(crate) params: &'a LightcutParams,
+    pub(crate) receiver: &'a R,
+    pub(crate) bound: &'a B,
+    pub(crate) transfer: F,
+    pub(crate) totals: Totals,
+}
+
+/// Sums over the cut as it stands, and counts of what it took to get there.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Totals {
+    lit: f64,
+    unoccluded: f64,
+    pub(crate) entered: u32,
+    pub(crate) transfers: u32,
+}
+
+impl<T, R, B, F> Policy<'_, T, R, B, F>
+where
+    T: LightHierarchy + ?Sized,
+    R: ?Sized,
+    B: NodeBound<R>,
+    F: FnMut(LightId) -> Transfer,
+{
+    /// Asks the host for the transfer of one light; returns it clamped, with the factor that was taken.
+    fn ask(&mut self, light: LightId) -> (Transfer, f32) {
+        self.totals.transfers += 1;
+        let mut transfer = (self.transfer)(light);
+        let largest = transfer.unoccluded.max_element();
+        if largest <= self.params.clamp || largest.is_nan() {
+            return (transfer, 1.0);
+        }
+        let kept = self.params.clamp / largest;
+        transfer.unoccluded *= kept;
+        (transfer, kept)
+    }
+
+    /// The estimate of one light (or cluster) of this intensity.
+    fn estimate(&mut self, intensity: Vec3, light: LightId, parent: Option<&Estimate>) -> Estimate {
+        let (transfer, kept) = match parent {
+            Some(p) if p.light == light => (p.transfer, p.transfer.kept),
+            _ => self.ask(light),
+        };
+        let unoccluded = transfer.unoccluded * intensity;
+        let radiance = unoccluded * transfer.visibility;
+        let lit = luminance(radiance) as f32;
+        Estimate {
+            radiance,
+            unoccluded: luminance(unoccluded) as f32,
+            transfer: Transfer { kept, ..transfer },
+            light,
+            clamped: if kept < 1.0 { lit / kept - lit } else { 0.0 },
+        }
+    }
+
+    /// A leaf of several lights is summed up light by light, and so is exact.
+    fn leaf_of_several(&mut self, node: NodeId, parent: Option<&Estimate>) -> Estimate {
+        let slots = self.tree.items(node);
+        let representatives = self.representatives;
+        let each =
+            slots.map(|slot| self.estimate(representatives.in_slot(slot), self.tree.light_at(slot), parent));
+        each.reduce(|sum, next| Estimate {
+            radiance: sum.radiance + next.radiance,
+            unoccluded: sum.unoccluded + next.unoccluded,
+            clamped: sum.clamped + next.clamped,
+            ..sum
+        })
+        .expect("a node has items")
+    }
+}
+
+impl<T, R, B, F> CutPolicy for Policy<'_, T, R, B, F>
+where
+    T: LightHierarchy + ?Sized,
+    R: ?Sized,
+    B: NodeBound<R>,
+    F: FnMut(LightId) -> Transfer,
+{
+    type Value = Estimate;
+
+    fn enter(&mut self, node: NodeId, parent: Option<&Estimate>) -> (Estimate, f64) {
+        self.totals.entered += 1;
+        let representative = self.representatives.at(self.tree.node_index(node));
+        let leaf = self.tree.is_leaf(node);
+        let estimate = if leaf && self.tree.items(node).len() > 1 {
+            self.leaf_of_several(node, parent)
+        } else {
+            self.estimate(representative.intensity, representative.light, parent)
+        };
+        self.totals.lit += luminance(estimate.radiance);
+        self.totals.unoccluded += f64::from(estimate.unoccluded);
+        (estimate, if leaf { 0.0 } else { self.error(node, representative.intensity) })
+    }
+
+    fn leave(&mut self, _: NodeId, estimate: &Estimate) {
+        self.totals.lit -= luminance(estimate.radiance);
+        self.totals.unoccluded -= f64::from(estimate.unoccluded);
+    }
+
+    fn tolerance(&self) -> f64 {
+        let p = self.params;
+        let floor = f64::from(p.floor) / f64::from(self.representatives.scale());
+        let shadow_floor = f64::from(p.shadow_floor) * self.totals.unoccluded;
+        f64::from(p.threshold) * self.totals.lit.max(floor).max(shadow_floor)
+    }
+}
+
+impl<T, R, B, F> Policy<'_, T, R, B, F>
+where
+    T: LightHierarchy + ?Sized,
+    R: ?Sized,
+    B: NodeBound<R>,
+{
+    /// Bound of the luminance that a node of this RGB intensity can give, and so of the error of any estimate of it.
+    fn error(&self, node: NodeId, intensity: Vec3) -> f64 {
+        let (bounds, luminance) = (self.tree.bounds(node), luminance(intensity));
+        if bounds.intensity == 0.0 || luminance == 0.0 {
+            return 0.0;
+        }
+        let per_unit = self.bound.bound(&bounds, self.receiver).upper / f64::from(bounds.intensity);
+        per_unit.min(f64::from(self.params.clamp)) * luminance
+    }
+}

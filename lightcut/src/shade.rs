@@ -1,0 +1,131 @@
+//! One receiver at a time: the radiance, and what it cost.
+
+use glam::{DVec3, Vec3};
+use lighttree::{Cut, CutSelector, LightHierarchy, LightId, NodeBound};
+
+use crate::{
+    Estimate, LightcutParams, Representatives,
+    policy::{Policy, Totals},
+};
+
+/// What one light of intensity 1 in every channel does to the receiver: all that a lightcut asks of a host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transfer {
+    /// RGB radiance towards the viewer without shadows: scattering × cosine × emission profile ÷ squared distance, in sr⁻¹
+    /// times the inverse square of the scene's length unit. Not negative.
+    pub unoccluded: Vec3,
+    /// The share that arrives, in [0, 1]: 0 or 1 for a shadow ray. Need not be asked for where `unoccluded` is zero.
+    pub visibility: f32,
+    pub(crate) kept: f32,
+}
+
+impl Transfer {
+    /// A light that gives nothing to this receiver.
+    pub const NONE: Self = Self::new(Vec3::ZERO, 0.0);
+
+    /// The transfer of a light that is seen to the share `visibility`.
+    pub const fn new(unoccluded: Vec3, visibility: f32) -> Self {
+        Self { unoccluded, visibility, kept: 1.0 }
+    }
+}
+
+/// What a lightcut found for one receiver.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Lit {
+    /// RGB radiance towards the viewer, W·m⁻²·sr⁻¹.
+    pub radiance: Vec3,
+    /// Luminance of the light that the clamp took away, W·m⁻²·sr⁻¹; 0 without a clamp.
+    pub clamped: f32,
+    /// Bound of the error of the worst node that was left, as luminance, W·m⁻²·sr⁻¹. 0: every node is exact.
+    pub worst_error: f32,
+    /// Nodes in the cut.
+    pub nodes: u32,
+    /// Nodes that were looked at on the way.
+    pub visited: u32,
+    /// Lights whose transfer was asked for, and so shadow rays at most.
+    pub transfers: u32,
+    /// The node limit stopped the refinement before the threshold did.
+    pub capped: bool,
+}
+
+/// A tree made ready for lightcuts, and the dials.
+#[derive(Clone, Copy, Debug)]
+pub struct Lightcut<'a, T> {
+    /// The lights.
+    pub tree: T,
+    /// Chosen for this very tree.
+    pub representatives: &'a Representatives,
+    /// How fine the cuts are.
+    pub params: LightcutParams,
+}
+
+/// Memory of one thread, reused from receiver to receiver: nothing is allocated once it has grown.
+#[derive(Debug, Default)]
+pub struct Scratch(CutSelector<Estimate>);
+
+impl<T: LightHierarchy> Lightcut<'_, T> {
+    /// Radiance of `receiver` by all lights of the tree.
+    ///
+    /// `transfer` is the host's: it shades, and it traces the shadow ray. It is asked once per light that comes to speak for a node. `bound` must hold
+    /// for it, or the error is not bounded; [`GeometricBound`](lighttree::GeometricBound) does for any
+    /// [`Receiver`](lighttree::Receiver). Values that are not finite come out in the radiance, where they belong to the host to find.
+    pub fn shade<R: ?Sized, B: NodeBound<R>>(
+        &self,
+        receiver: &R,
+        bound: &B,
+        transfer: impl FnMut(LightId) -> Transfer,
+        scratch: &mut Scratch,
+    ) -> Lit {
+        let (totals, tolerance) = self.refine(receiver, bound, transfer, &mut scratch.0);
+        let (mut radiance, mut clamped, mut worst) = (DVec3::ZERO, 0.0, 0.0f64);
+        for (_, estimate, error) in scratch.0.unordered() {
+            radiance += estimate.radiance.as_dvec3();
+            clamped += f64::from(estimate.clamped);
+            worst = worst.max(error);
+        }
+        let scale = f64::from(self.representatives.scale());
+        Lit {
+            radiance: (radiance * scale).as_vec3(),
+            clamped: (clamped * scale) as f32,
+            worst_error: (worst * scale) as f32,
+            nodes: scratch.0.unordered().len() as u32,
+            visited: totals.entered,
+            transfers: totals.transfers,
+            capped: worst > tolerance,
+        }
+    }
+
+    /// The cut itself, left to right, for methods that go on from it; [`shade`](Self::shade) without the sum.
+    pub fn cut<R: ?Sized, B: NodeBound<R>>(
+        &self,
+        receiver: &R,
+        bound: &B,
+        transfer: impl FnMut(LightId) -> Transfer,
+        scratch: &mut Scratch,
+        cut: &mut Cut<Estimate>,
+    ) {
+        self.refine(receiver, bound, transfer, &mut scratch.0);
+        scratch.0.drain_into(&self.tree, cut);
+    }
+
+    fn refine<R: ?Sized, B: NodeBound<R>>(
+        &self,
+        receiver: &R,
+        bound: &B,
+        transfer: impl FnMut(LightId) -> Transfer,
+        selector: &mut CutSelector<Estimate>,
+    ) -> (Totals, f64) {
+        let mut policy = Policy {
+            tree: &self.tree,
+            representatives: self.representatives,
+            params: &self.params,
+            receiver,
+            bound,
+            transfer,
+            totals: Totals::default(),
+        };
+        selector.refine(&self.tree, &mut policy, self.params.max_nodes as usize);
+        let tolerance = lighttree::CutPolicy::tolerance(&policy);
+        (policy.totals, tolerance)
+    }
+}

@@ -78,8 +78,11 @@ pub fn render(lamp_count: u32) -> (Vec<Vec3>, f64, f64) {
     let tree = LightTree::build(&lamps, &BuildParams::default()).expect("lamps are finite");
     let representatives =
         Representatives::choose(&tree, 1, |l| lamps[l.0 as usize].color).expect("and not negative");
-    let lightcut =
-        Lightcut { tree: &tree, representatives: &representatives, params: LightcutParams::default() };
+    let lightcut = Lightcut {
+        tree: &tree,
+        representatives: &representatives,
+        params: LightcutParams::with_threshold(0.01),
+    };
 
     let hits: Vec<Option<Hit>> = (0..SIZE * SIZE).map(camera_hit).collect();
     let lit_hits: Vec<&Hit> = hits.iter().flatten().collect();

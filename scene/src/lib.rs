@@ -5,15 +5,28 @@
 //! never depend on this one, except in tests and benches.
 
 mod builtin;
+mod brute_force;
+pub mod bsdf;
 mod camera;
+mod film;
 mod light;
 mod material;
 mod model;
+mod render;
+mod shading;
 mod texture;
 
 pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, builtin};
+pub use brute_force::BruteForce;
 pub use camera::Camera;
-pub use light::{DistantLight, Light};
+pub use film::{Film, luminance};
+pub use light::{DistantLight, Light, LightPoint, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};
+pub use render::{
+    Counts, DirectLighting, Frame, IndirectLighting, NoIndirect, Progress, RenderError, RenderParams, Rendered, TILE, render,
+};
+pub use shading::{
+    CameraPath, Coverage, Geometry, MAX_CHAIN, Place, Purpose, ShadingPoint, SurfaceLook, Vertex, camera_path, vertex,
+};
 pub use texture::{Texture, Wrap};

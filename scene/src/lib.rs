@@ -4,9 +4,9 @@
 //! [`Emitter`](lighttree::Emitter), a shading point a [`Receiver`](lighttree::Receiver). Algorithm crates
 //! never depend on this one, except in tests and benches.
 
-mod builtin;
 mod brute_force;
 pub mod bsdf;
+mod builtin;
 mod camera;
 mod film;
 mod light;
@@ -16,8 +16,8 @@ mod render;
 mod shading;
 mod texture;
 
-pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, builtin};
 pub use brute_force::BruteForce;
+pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, builtin};
 pub use camera::Camera;
 pub use film::{Film, luminance};
 pub use light::{DistantLight, Light, LightPoint, Profile};

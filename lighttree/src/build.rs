@@ -5,9 +5,8 @@ mod median;
 pub(crate) mod morton;
 pub(crate) mod parallel;
 mod radix;
-
+mod saoh;
 pub(crate) mod survey;
-pub(crate) mod union;
 
 use crate::{Emitter, LightTree};
 
@@ -17,6 +16,9 @@ use crate::{Emitter, LightTree};
 pub enum BuildMethod {
     /// Object median on the longest axis: Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016.
     Median,
+    /// Binned surface-area-orientation heuristic: Conty Estévez and Kulla, "Importance Sampling of Many Lights with
+    /// Adaptive Tree Splitting", 2018.
+    Saoh,
     /// Balanced over the lights' Morton order: the clusters of Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020,
     /// with cones.
     Morton,
@@ -39,6 +41,8 @@ pub struct BuildParams {
     pub method: BuildMethod,
     /// Most lights in a leaf, at least 1. Lights of one leaf are told apart only by their own bounds.
     pub max_leaf: u32,
+    /// Candidate splits per axis of [`Saoh`](BuildMethod::Saoh), plus one: 2 to 64. Other methods do not look at it.
+    pub bins: u32,
     /// Resolution of the [`Morton`](BuildMethod::Morton) order; other methods do not look at it.
     pub morton_bits: MortonBits,
 }
@@ -46,7 +50,12 @@ pub struct BuildParams {
 impl BuildParams {
     /// Object median: fast, balanced, blind to orientation and intensity.
     pub const fn median() -> Self {
-        Self { method: BuildMethod::Median, max_leaf: 1, morton_bits: MortonBits::Thirty }
+        Self { method: BuildMethod::Median, max_leaf: 1, bins: 16, morton_bits: MortonBits::Thirty }
+    }
+
+    /// Surface-area-orientation heuristic with 16 bins: tight clusters in position and direction. The default.
+    pub const fn saoh() -> Self {
+        Self { method: BuildMethod::Saoh, ..Self::median() }
     }
 
     /// Morton order: fastest to build, the loosest clusters.
@@ -57,7 +66,7 @@ impl BuildParams {
 
 impl Default for BuildParams {
     fn default() -> Self {
-        Self::median()
+        Self::saoh()
     }
 }
 
@@ -92,6 +101,11 @@ pub enum BuildError {
     },
     /// [`BuildParams::max_leaf`] is 0, and a leaf must hold something.
     EmptyLeaves,
+    /// [`BuildParams::bins`] is not in 2..=64.
+    BinCount {
+        /// Number of bins asked for.
+        bins: u32,
+    },
 }
 
 impl core::fmt::Display for BuildError {
@@ -117,6 +131,7 @@ impl core::fmt::Display for BuildError {
                 write!(f, "{count} lights are more than 2147483647; split them over several trees")
             }
             Self::EmptyLeaves => write!(f, "max_leaf is 0; a leaf holds at least 1 light"),
+            Self::BinCount { bins } => write!(f, "{bins} bins an axis; the heuristic takes 2 to 64"),
         }
     }
 }
@@ -135,11 +150,18 @@ impl LightTree {
         if params.max_leaf == 0 {
             return Err(BuildError::EmptyLeaves);
         }
+        if !(2..=saoh::MAX_BINS).contains(&params.bins) {
+            return Err(BuildError::BinCount { bins: params.bins });
+        }
         let survey = survey::survey(lights)?;
         let max_leaf = params.max_leaf as usize;
         Ok(match params.method {
             BuildMethod::Median => {
                 emit::top_down(lights, &survey, max_leaf, median::items(lights), &median::Median)
+            }
+            BuildMethod::Saoh => {
+                let splitter = saoh::Saoh { bins: params.bins as usize };
+                emit::top_down(lights, &survey, max_leaf, saoh::items(lights), &splitter)
             }
             BuildMethod::Morton => {
                 let order = morton::order(lights, &survey, params.morton_bits);

@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::{parallel, survey::Survey, survey::in_units, union::union};
+use super::{parallel, survey::Survey, survey::in_units};
 use crate::{Emitter, LightBounds, LightId, LightNode, LightTree, NodeId};
 
 /// Deepest leaf of any built tree: from here on halves are taken, so that walks and stacks stay bounded.
@@ -106,14 +106,14 @@ impl<E: Emitter + Sync, S: Splitter> Context<'_, E, S> {
 
 /// Bounds of an inner node, packed; topology is left to the caller. What building, refitting and checking agree on.
 pub(crate) fn parent(left: &LightNode, right: &LightNode) -> LightNode {
-    LightNode::new(&union(&left.bounds(), &right.bounds()))
+    LightNode::new(&left.bounds().union(&right.bounds()))
 }
 
 /// Bounds of all lights of a leaf, at least one, in the tree's unit.
 pub(crate) fn leaf_bounds(lights: impl Iterator<Item = LightBounds>, unit: f64) -> LightBounds {
     lights
         .map(|bounds| LightBounds { intensity: in_units(bounds.intensity, unit), ..bounds })
-        .reduce(|a, b| union(&a, &b))
+        .reduce(|a, b| a.union(&b))
         .expect("a leaf holds a light")
 }
 

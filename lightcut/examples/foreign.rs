@@ -118,6 +118,6 @@ pub fn main() -> std::io::Result<()> {
     let bytes =
         picture.iter().flat_map(|c| c.to_array()).map(|c| (255.0 * c.clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8);
     let mut out = std::io::stdout().lock();
-    write!(out, "P6 {SIZE} {SIZE} 255\n")?;
+    writeln!(out, "P6 {SIZE} {SIZE} 255")?;
     out.write_all(&bytes.collect::<Vec<u8>>())
 }

@@ -4,7 +4,7 @@
 //! Lin and Yuksel's cut of a fixed size ("Real-Time Stochastic Lightcuts", 2020, section 3) is the same with a tolerance
 //! of zero.
 
-use core::cmp::Ordering;
+use core::{cmp::Ordering, ops::Range};
 use std::collections::BinaryHeap;
 
 use crate::{Cut, ItemRanges, NodeId};
@@ -31,19 +31,24 @@ pub trait CutPolicy {
 /// The memory of a selection, reused from receiver to receiver: nothing is allocated once it has grown.
 #[derive(Debug)]
 pub struct CutSelector<V> {
-    heap: BinaryHeap<Entry<V>>,
-    ordered: Vec<(u32, Entry<V>)>,
+    /// Small entries: a heap moves them about.
+    heap: BinaryHeap<Entry>,
+    /// By [`Entry::at`], without gaps.
+    values: Vec<V>,
+    /// First item and place in `values`; filled only to put a cut in order.
+    order: Vec<(u32, u32, NodeId)>,
 }
 
 impl<V> Default for CutSelector<V> {
     fn default() -> Self {
-        Self { heap: BinaryHeap::new(), ordered: Vec::new() }
+        Self { heap: BinaryHeap::new(), values: Vec::new(), order: Vec::new() }
     }
 }
 
 impl<V> CutSelector<V> {
-    /// Refines from the root, always the node of the largest error (ties: the lowest id), until that error is tolerated, the node is a leaf, or
-    /// its children would not fit into `max_nodes`. At least the root is always there, also for `max_nodes` 0.
+    /// Refines from the root, always the node of the largest error (ties: the lowest id), until that error is
+    /// tolerated, the node is a leaf, or its children would not fit into `max_nodes`. The root is always there,
+    /// also for `max_nodes` 0.
     ///
     /// Cost: one [`enter`](CutPolicy::enter) per node visited, which is less than twice the cut in a binary tree,
     /// plus O(log n) each.
@@ -53,8 +58,11 @@ impl<V> CutSelector<V> {
         P: CutPolicy<Value = V>,
     {
         self.heap.clear();
+        self.values.clear();
         if let Some(root) = tree.root() {
-            self.enter(policy, root, None);
+            let (value, error) = policy.enter(root, None);
+            self.values.push(value);
+            self.heap.push(Entry::new(error, root, 0));
         }
         while let Some(worst) = self.heap.peek() {
             let children = tree.children(worst.node);
@@ -63,38 +71,52 @@ impl<V> CutSelector<V> {
                 break;
             }
             let Some(parent) = self.heap.pop() else { break };
-            policy.leave(parent.node, &parent.value);
-            for child in children {
-                self.enter(policy, NodeId(child), Some(&parent.value));
-            }
+            self.split(policy, &parent, children);
         }
     }
 
     /// The nodes of the last [`refine`](Self::refine) with value and error, in no particular order: for
     /// callers that only sum up.
     pub fn unordered(&self) -> impl ExactSizeIterator<Item = (NodeId, &V, f64)> {
-        self.heap.iter().map(|e| (e.node, &e.value, e.error))
+        self.heap.iter().map(|e| (e.node, &self.values[e.at as usize], e.error))
     }
 
     /// Moves the nodes of the last [`refine`](Self::refine) into `cut`, left to right, which costs a sort.
     pub fn drain_into<T: ItemRanges + ?Sized>(&mut self, tree: &T, cut: &mut Cut<V>) {
-        self.ordered.extend(self.heap.drain().map(|e| (tree.items(e.node).start, e)));
-        self.ordered.sort_unstable_by_key(|(first_item, _)| *first_item);
+        self.order.clear();
+        self.order.extend(self.heap.drain().map(|e| (tree.items(e.node).start, e.at, e.node)));
+        self.order.sort_unstable();
+        // Permute in place: what belongs to place i may have been swapped away by an earlier place.
+        for i in 0..self.order.len() {
+            let mut at = self.order[i].1 as usize;
+            while at < i {
+                at = self.order[at].1 as usize;
+            }
+            self.values.swap(i, at);
+        }
         cut.clear();
-        for (_, e) in self.ordered.drain(..) {
-            cut.push(e.node, e.value);
+        for ((_, _, node), value) in self.order.iter().zip(self.values.drain(..)) {
+            cut.push(*node, value);
         }
         debug_assert_eq!(cut.check(tree), Ok(()), "refinement yields a cut");
     }
 
-    fn enter<P: CutPolicy<Value = V>>(&mut self, policy: &mut P, node: NodeId, parent: Option<&V>) {
-        let (value, error) = policy.enter(node, parent);
-        debug_assert!(
-            error >= 0.0,
-            "the error of node {} is {error}; it must be a number and not negative",
-            node.0
-        );
-        self.heap.push(Entry { error, node, value });
+    /// Replaces a node, which is off the heap already, by its children; the last of them takes its place.
+    fn split<P: CutPolicy<Value = V>>(&mut self, policy: &mut P, parent: &Entry, children: Range<u32>) {
+        let at = parent.at as usize;
+        policy.leave(parent.node, &self.values[at]);
+        let last = children.end - 1;
+        for child in children {
+            let (value, error) = policy.enter(NodeId(child), Some(&self.values[at]));
+            let at = if child == last {
+                self.values[at] = value;
+                parent.at
+            } else {
+                self.values.push(value);
+                self.values.len() as u32 - 1
+            };
+            self.heap.push(Entry::new(error, NodeId(child), at));
+        }
     }
 }
 
@@ -110,29 +132,40 @@ where
     cut
 }
 
-#[derive(Debug)]
-struct Entry<V> {
+#[derive(Clone, Copy, Debug)]
+struct Entry {
     error: f64,
     node: NodeId,
-    value: V,
+    at: u32,
 }
 
-impl<V> Ord for Entry<V> {
+impl Entry {
+    fn new(error: f64, node: NodeId, at: u32) -> Self {
+        debug_assert!(
+            error >= 0.0,
+            "the error of node {} is {error}, which is no number or negative",
+            node.0
+        );
+        Self { error, node, at }
+    }
+}
+
+impl Ord for Entry {
     fn cmp(&self, other: &Self) -> Ordering {
         self.error.total_cmp(&other.error).then(other.node.cmp(&self.node))
     }
 }
 
-impl<V> PartialOrd for Entry<V> {
+impl PartialOrd for Entry {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl<V> PartialEq for Entry<V> {
+impl PartialEq for Entry {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other).is_eq()
     }
 }
 
-impl<V> Eq for Entry<V> {}
+impl Eq for Entry {}

@@ -12,6 +12,7 @@ mod film;
 mod light;
 mod material;
 mod model;
+mod rays;
 mod render;
 mod shading;
 mod texture;
@@ -23,6 +24,10 @@ pub use film::{Film, luminance};
 pub use light::{DistantLight, Light, LightPoint, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};
+pub use rays::{
+    AcceptAll, BuildStats, HitFilter, Path as RayPath, RaysError, RaysParams, SceneRays, Scratch as RayScratch, Surface,
+    WideBvh, offset,
+};
 pub use render::{
     Counts, DirectLighting, Frame, IndirectLighting, NoIndirect, Progress, RenderError, RenderParams, Rendered, TILE, render,
 };

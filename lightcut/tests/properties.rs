@@ -78,9 +78,9 @@ fn floor_at(position: Vec3) -> LambertReceiver {
     LambertReceiver { position, normal: Vec3::Y, albedo: GREY }
 }
 
-fn presets() -> [BuildParams; 3] {
-    let several = BuildParams { max_leaf: 4, ..BuildParams::median() };
-    [BuildParams::median(), BuildParams::morton(), several]
+fn presets() -> [BuildParams; 4] {
+    let several = BuildParams { max_leaf: 4, ..BuildParams::saoh() };
+    [BuildParams::median(), BuildParams::saoh(), BuildParams::morton(), several]
 }
 
 fn close(a: Vec3, b: Vec3, relative: f32) -> bool {

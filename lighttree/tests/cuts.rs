@@ -28,7 +28,7 @@ impl AnyTree {
             splits.dedup();
             let starts: Vec<u32> = std::iter::once(start).chain(splits).chain([end]).collect();
             let chain = starts.len() == 2; // one child of the same items
-            if end - start == 1 || chain && random.u32() % 4 > 0 {
+            if end - start == 1 || chain && !random.u32().is_multiple_of(4) {
                 continue;
             }
             let first = tree.items.len() as u32;

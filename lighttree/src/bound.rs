@@ -72,9 +72,10 @@ pub fn emission_bound(emitters: &LightBounds, toward: &Toward) -> f64 {
         return 1.0;
     }
     // Light leaves against the direction in which the receiver looks.
-    let mut cos_theta = toward.max_cos_f64(-emitters.axis);
+    let axis = emitters.axis.as_dvec3();
+    let mut cos_theta = toward.max_cos_f64(-axis);
     if emitters.two_sided {
-        cos_theta = cos_theta.max(toward.max_cos_f64(emitters.axis));
+        cos_theta = cos_theta.max(toward.max_cos_f64(axis));
     }
     if cos_theta >= f64::from(emitters.cos_theta_o) {
         return 1.0;

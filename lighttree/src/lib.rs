@@ -40,6 +40,8 @@ mod receiver;
 pub mod rng;
 mod sampler;
 mod select;
+#[cfg(feature = "proptest")]
+pub mod strategies;
 mod toward;
 mod tree;
 
@@ -47,12 +49,15 @@ pub use bound::{Bound, BoundTerms, GeometricBound, NodeBound, emission_bound};
 pub use bounds::{Cone, LightBounds};
 pub use build::{BuildError, BuildMethod, BuildParams, MortonBits};
 pub use cut::{Cut, CutError, overlay};
-pub use emitter::{Emitter, LightId};
+pub use emitter::{
+    DiskLight, Emitter, EmittingPoint, LightId, OrientedVpl, PointLight, PointwiseEmitter, SphereLight,
+    SpotLight, TriangleLight,
+};
 pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
 pub use node::{LightNode, PerfectNode};
 pub use perfect::PerfectTree;
 pub use rays::{Ray, RayHit, RayQueries, Segment};
-pub use receiver::{LambertReceiver, Receiver};
+pub use receiver::{GgxReceiver, LambertReceiver, PhongReceiver, Receiver};
 pub use sampler::{BatchLightSampler, LightSample, LightSampler, PerReceiver, SampleRequest, WeightedLight};
 pub use select::{CutPolicy, CutSelector, select_cut};
 pub use toward::Toward;

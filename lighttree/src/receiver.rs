@@ -1,8 +1,16 @@
 //! A point to be lit, as far as a bound has to know it.
 
-use glam::Vec3;
+mod ggx;
+mod phong;
+
+use core::f32::consts::FRAC_1_PI;
+
+use glam::{DVec3, Vec3};
 
 use crate::Toward;
+
+pub use ggx::GgxReceiver;
+pub use phong::PhongReceiver;
 
 /// A point to be lit, as far as a bound has to know it.
 ///
@@ -43,17 +51,46 @@ impl<T: Receiver + ?Sized> Receiver for &T {
 pub struct LambertReceiver {
     /// World-space position.
     pub position: Vec3,
-    /// Unit normal; zero means no preferred direction (every cosine counts as 1).
+    /// Normal, of any length; zero means no preferred direction (every cosine counts as 1).
     pub normal: Vec3,
     /// Largest channel of the albedo, in [0, 1].
     pub albedo: f32,
+}
+
+impl LambertReceiver {
+    /// f · cos θ for light from `direction`, of any length but 0, in sr⁻¹.
+    pub fn eval(&self, direction: Vec3) -> f32 {
+        self.albedo * FRAC_1_PI * cosine(unit(self.normal), unit(direction)).max(0.0) as f32
+    }
 }
 
 impl Receiver for LambertReceiver {
     fn position(&self) -> Vec3 {
         self.position
     }
+    #[inline]
     fn scatter_bound(&self, toward: &Toward) -> f32 {
-        self.albedo * core::f32::consts::FRAC_1_PI * toward.max_cos(self.normal).max(0.0)
+        self.albedo * FRAC_1_PI * toward.max_cos(self.normal).max(0.0)
     }
+}
+
+/// The unit vector along `v`; zero for zero.
+fn unit(v: Vec3) -> DVec3 {
+    v.as_dvec3().normalize_or_zero()
+}
+
+/// The cosine to a normal, where a normal of zero stands for no preferred direction.
+fn cosine(normal: DVec3, direction: DVec3) -> f64 {
+    if normal == DVec3::ZERO { 1.0 } else { normal.dot(direction) }
+}
+
+/// `view` mirrored at the unit vector `normal`, or the continuation of the line of sight where there is none.
+fn mirrored(view: DVec3, normal: DVec3) -> DVec3 {
+    2.0 * normal.dot(view) * normal - view
+}
+
+/// Rounded up, for bounds.
+fn round_up(x: f64) -> f32 {
+    let nearest = x as f32;
+    if f64::from(nearest) < x { nearest.next_up() } else { nearest }
 }

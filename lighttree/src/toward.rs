@@ -59,7 +59,7 @@ impl Toward {
     /// the whole box is on or below the plane through the receiver across `axis`.
     #[inline]
     pub fn max_cos(&self, axis: Vec3) -> f32 {
-        let cos = self.max_cos_f64(axis);
+        let cos = self.max_cos_f64(axis.as_dvec3());
         let nearest = cos as f32;
         if f64::from(nearest) < cos { nearest.next_up() } else { nearest }
     }
@@ -68,11 +68,10 @@ impl Toward {
     ///
     /// The point `p` of the box with the largest `n·p/|p|` is the one nearest to `t·n` for `t = |p|²/(n·p)` (the
     /// Karush-Kuhn-Tucker conditions of that maximum). Once it is known in which coordinates `t·n` lies outside the box, so that `p`
-    /// is at its faces there, `t` has a closed form; so repeat until those coordinates stay the same, two or three
-    /// times as a rule. The bound of Walter et al. 2005, from a box around the box in the frame of `n`, is looser and costs as much;
+    /// is at its faces there, `t` has a closed form; so repeat until it stays the same, two or three times
+    /// as a rule. The bound of Walter et al. 2005, from a box around the box in the frame of `n`, is looser and costs as much;
     /// it remains as the way out.
-    pub fn max_cos_f64(&self, axis: Vec3) -> f64 {
-        let axis = axis.as_dvec3();
+    pub fn max_cos_f64(&self, axis: DVec3) -> f64 {
         let squared = axis.length_squared();
         if !(squared > 0.0 && squared < f64::INFINITY) || self.is_inside() {
             return 1.0;
@@ -88,25 +87,42 @@ impl Toward {
     }
 
     /// The largest cosine to the unit vector `n`, of a box that does not lie wholly below the horizon; `None` if the search
-    /// has not ended after a few rounds.
+    /// has not ended after many rounds.
     fn largest_cos(&self, n: DVec3) -> Option<f64> {
         let center = self.low + self.high;
         let mut t = 0.5 * center.length_squared() / n.dot(center);
-        let mut last = (glam::BVec3::FALSE, glam::BVec3::FALSE);
-        for round in 0..10 {
+        if !(t >= 0.0 && t < f64::INFINITY) {
+            t = self.beyond(n);
+        }
+        let (mut too_small, mut too_large) = (0.0, f64::INFINITY);
+        for _ in 0..32 {
             let top = n * t;
-            let (below, above) = (top.cmplt(self.low), top.cmpgt(self.high));
             let p = top.max(self.low).min(self.high);
-            if round > 0 && (below, above) == last {
-                return Some(n.dot(p) / p.length());
-            }
-            last = (below, above);
-            let fixed = DVec3::select(below | above, p, DVec3::ZERO);
-            let (along, squared) = (n.dot(fixed), fixed.length_squared());
-            if squared == 0.0 {
+            let is_fixed = p.cmpne(top);
+            if !is_fixed.any() {
                 return Some(1.0); // t·n itself is in the box
             }
-            t = if along > 0.0 { squared / along } else { self.beyond(n) };
+            let fixed = DVec3::select(is_fixed, p, DVec3::ZERO);
+            let (along, squared) = (n.dot(fixed), fixed.length_squared());
+
+            // The conditions hold for t = squared/along, or for any t where both are 0. The cosine grows with t up to there.
+            let slope = squared - t * along;
+            if slope.abs() <= 1e-14 * squared {
+                return Some(n.dot(p) / p.length());
+            }
+            if slope > 0.0 {
+                too_small = t;
+            } else {
+                too_large = t;
+            }
+            let next = if along > 0.0 { squared / along } else { f64::INFINITY };
+            t = if next > too_small && next < too_large {
+                next
+            } else if too_large.is_finite() {
+                0.5 * (too_small + too_large)
+            } else {
+                self.beyond(n)
+            };
         }
         None
     }

@@ -160,6 +160,9 @@ pub struct RenderParams {
     pub height: u32,
     /// Camera samples per pixel, at least 1.
     pub spp: u32,
+    /// Number of the first of them: pictures of one seed with other samples are independent, and their mean, weighted by
+    /// `spp`, is the picture with all of them.
+    pub first_sample: u32,
     /// Threads; 0: as many as there are processors.
     pub threads: usize,
     /// Renders only this many pixels, drawn by the seed; the others stay black. `None`: all.
@@ -168,7 +171,7 @@ pub struct RenderParams {
 
 impl Default for RenderParams {
     fn default() -> Self {
-        Self { width: 640, height: 360, spp: 1, threads: 0, pixels: None }
+        Self { width: 640, height: 360, spp: 1, first_sample: 0, threads: 0, pixels: None }
     }
 }
 
@@ -244,7 +247,8 @@ pub fn render<Q: Geometry, D: DirectLighting<Q>>(
     progress: &impl Progress,
 ) -> Result<Rendered, RenderError> {
     let pixel_count = params.width as usize * params.height as usize;
-    if pixel_count == 0 || params.spp == 0 || u32::try_from(pixel_count).is_err() {
+    let samples_fit = params.first_sample.checked_add(params.spp).is_some();
+    if pixel_count == 0 || params.spp == 0 || u32::try_from(pixel_count).is_err() || !samples_fit {
         return Err(RenderError::Size);
     }
     let pool =
@@ -313,7 +317,7 @@ fn render_unit<Q: Geometry, D: DirectLighting<Q>>(
         workspace;
     sums.clear();
     sums.resize(pixels.len(), (DVec3::ZERO, 0));
-    for sample in 0..params.spp {
+    for sample in params.first_sample..params.first_sample + params.spp {
         // Cast the camera's rays.
         camera_rays.clear();
         randoms.clear();

@@ -33,6 +33,8 @@ mod error;
 mod group;
 mod lanes;
 mod node;
+#[cfg(test)]
+mod oracle;
 mod primitives;
 mod ray;
 mod scene_rays;
@@ -40,6 +42,8 @@ mod surface;
 mod traverse;
 mod triangle;
 mod two_level;
+#[cfg(test)]
+mod watertight;
 
 pub use build::{BuildStats, WideBvh};
 pub use dispatch::Path;

@@ -12,7 +12,7 @@ use super::ray::Scratch;
 use super::surface::{Surface, Surfaces, world_triangle};
 use super::triangle::{AcceptAll, HitFilter};
 use super::two_level::TwoLevel;
-use crate::Scene;
+use crate::{Geometry, Place, Scene};
 
 /// How a scene is made ready for rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -181,6 +181,21 @@ fn flattened(scene: &Scene, primitives: &Primitives, alpha: &AlphaMasks) -> Resu
         }
         other => other,
     })
+}
+
+impl Geometry for SceneRays {
+    fn place(&self, scene: &Scene, ray: &Ray, hit: &RayHit) -> Place {
+        let surface = self.surface(scene, ray, hit);
+        Place {
+            position: surface.position,
+            geometric_normal: surface.geometric_normal,
+            shading_normal: surface.shading_normal,
+            uvs: [surface.uv, surface.uv1],
+            instance: surface.instance,
+            triangle: surface.triangle,
+            offset: surface.error,
+        }
+    }
 }
 
 /// Holes of the flattened scene.

@@ -9,9 +9,11 @@ pub mod bsdf;
 mod builtin;
 mod camera;
 mod film;
+mod import;
 mod light;
 mod material;
 mod model;
+mod open;
 mod rays;
 mod render;
 mod shading;
@@ -21,9 +23,11 @@ pub use brute_force::BruteForce;
 pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, builtin};
 pub use camera::Camera;
 pub use film::{Film, luminance};
+pub use import::{ImportError, ImportLimits, ImportOptions, ImportProblem, SceneChoice, load};
 pub use light::{DistantLight, Light, LightPoint, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};
+pub use open::{SceneError, open};
 pub use rays::{
     AcceptAll, BuildStats, HitFilter, Path as RayPath, RaysError, RaysParams, SceneRays, Scratch as RayScratch, Surface,
     WideBvh, offset,

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec4};
 
 /// What lies outside the unit square.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Wrap {
     /// The image again.
     #[default]

@@ -108,7 +108,7 @@ fn statues(scene: &mut Scene) {
     let mut bronze = Shapes::default();
     let mut porcelain = Shapes::default();
     for (i, z) in [-10.0_f32, -5.0, 0.0, 5.0, 10.0].into_iter().enumerate() {
-        let side = if i % 2 == 0 { -1.0 } else { 1.0 };
+        let side = if i.is_multiple_of(2) { -1.0_f32 } else { 1.0 };
         let foot = Vec3::new(side * 5.9, 0.0, z);
         plinths.cuboid(foot - Vec3::new(0.55, 0.0, 0.55), foot + Vec3::new(0.55, 0.9, 0.55));
         let figure = if i % 2 == 0 { &mut bronze } else { &mut porcelain };
@@ -143,7 +143,7 @@ fn clutter(scene: &mut Scene) {
     let mut crates = Shapes::default();
     for i in 0..26 {
         let mut random = Random::new(SEED, 1, i);
-        let side = if i % 2 == 0 { -1.0 } else { 1.0 };
+        let side = if i.is_multiple_of(2) { -1.0_f32 } else { 1.0 };
         let size = Vec3::new(0.3, 0.25, 0.35) + Vec3::new(random.f32(), random.f32(), random.f32()) * 0.6;
         let foot = Vec3::new(side * (4.7 + 2.4 * random.f32()), 0.0, HALF.y * (1.8 * random.f32() - 0.9));
         let angle = random.f32() * FRAC_PI_2;
@@ -204,7 +204,7 @@ fn lamp(random: &mut Random) -> (Vec3, Vec3) {
     } else {
         // Embers around the statues' plinths.
         let i = (random.f32() * 5.0) as usize;
-        let side = if i % 2 == 0 { -1.0 } else { 1.0 };
+        let side = if i.is_multiple_of(2) { -1.0_f32 } else { 1.0 };
         let angle = TAU * random.f32();
         let radius = 0.85 + 0.25 * random.f32();
         let foot = Vec3::new(side * 5.9, 0.2 + 0.5 * random.f32(), -10.0 + 5.0 * i as f32);

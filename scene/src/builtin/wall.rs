@@ -92,5 +92,5 @@ fn lights(scene: &mut Scene, count: usize) {
 fn r2_point(i: u64) -> Vec2 {
     // 1/g and 1/g² of the plastic number g = 1.32471795724474602596.
     let fraction = |step: f64| (0.5 + step * i as f64).fract() as f32;
-    Vec2::new(fraction(0.754_877_666_246_692_76), fraction(0.569_840_290_998_053_2))
+    Vec2::new(fraction(0.754_877_666_246_692_7), fraction(0.569_840_290_998_053_2))
 }

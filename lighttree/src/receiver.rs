@@ -59,8 +59,10 @@ pub struct LambertReceiver {
 
 impl LambertReceiver {
     /// f · cos θ for light from `direction`, of any length but 0, in sr⁻¹.
-    pub fn eval(&self, direction: Vec3) -> f32 {
-        self.albedo * FRAC_1_PI * cosine(unit(self.normal), unit(direction)).max(0.0) as f32
+    pub fn eval(&self, direction: DVec3) -> f64 {
+        f64::from(self.albedo)
+            * core::f64::consts::FRAC_1_PI
+            * cosine(unit(self.normal), direction.normalize()).max(0.0)
     }
 }
 

@@ -6,7 +6,7 @@
 use core::f32::consts::PI;
 use core::ops::Range;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -62,8 +62,8 @@ pub enum AnyReceiver {
 }
 
 impl AnyReceiver {
-    /// f · cos θ for light from `direction`, in sr⁻¹.
-    pub fn eval(&self, direction: Vec3) -> f32 {
+    /// f · cos θ for light from `direction`, of any length but 0, in sr⁻¹.
+    pub fn eval(&self, direction: DVec3) -> f64 {
         match self {
             Self::Lambert(receiver) => receiver.eval(direction),
             Self::Phong(receiver) => receiver.eval(direction),

@@ -203,6 +203,5 @@ fn pointwise_contribution(emitter: &impl PointwiseEmitter, receiver: &AnyReceive
     if offset == DVec3::ZERO {
         return 0.0; // undefined there, and bounded by infinity
     }
-    let direction = offset.normalize().as_vec3();
-    point.intensity * f64::from(receiver.eval(direction)) / offset.length_squared()
+    point.intensity * receiver.eval(offset) / offset.length_squared()
 }

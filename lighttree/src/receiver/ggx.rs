@@ -11,7 +11,7 @@
 
 use core::f64::consts::{FRAC_1_PI, PI};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::{cosine, mirrored, round_up, unit};
 use crate::{Receiver, Toward};
@@ -36,25 +36,25 @@ pub struct GgxReceiver {
 
 impl GgxReceiver {
     /// f · cos θ for light from `direction`, of any length but 0, in sr⁻¹.
-    pub fn eval(&self, direction: Vec3) -> f32 {
-        let (normal, view, light) = (unit(self.normal), unit(self.view), unit(direction));
+    pub fn eval(&self, direction: DVec3) -> f64 {
+        let (normal, view, light) = (unit(self.normal), unit(self.view), direction.normalize());
         let cos_light = cosine(normal, light);
         if cos_light <= 0.0 {
             return 0.0;
         }
         let diffuse = f64::from(self.diffuse) * FRAC_1_PI * cos_light;
         if !self.has_lobe() {
-            return diffuse as f32;
+            return diffuse;
         }
         let Some(half) = (view + light).try_normalize() else {
-            return diffuse as f32; // looking along the light from below the surface
+            return diffuse; // looking along the light from below the surface
         };
         // 1 - (n·h)² without cancellation, since a narrow lobe lives in its last bits.
         let (cos_half, sin_half) = (cosine(normal, half), normal.cross(half).length());
         let specular = self.distribution(cos_half * cos_half, sin_half * sin_half)
             * self.masking(cosine(normal, view).max(0.0), cos_light)
             * self.fresnel(view.dot(half).max(0.0));
-        (diffuse + specular) as f32
+        diffuse + specular
     }
 
     fn has_lobe(&self) -> bool {
@@ -96,8 +96,7 @@ impl Receiver for GgxReceiver {
         if !self.has_lobe() {
             return round_up(diffuse);
         }
-        let cos_psi =
-            if normal == glam::DVec3::ZERO { 1.0 } else { toward.max_cos_f64(mirrored(view, normal)) };
+        let cos_psi = if normal == DVec3::ZERO { 1.0 } else { toward.max_cos_f64(mirrored(view, normal)) };
         let cos_gamma = -toward.max_cos_f64(-view);
         let specular = self.distribution(0.5 * (1.0 + cos_psi), 0.5 * (1.0 - cos_psi))
             * self.masking(cosine(normal, view).max(0.0), cos_light)

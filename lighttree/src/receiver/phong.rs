@@ -2,7 +2,7 @@
 
 use core::f64::consts::{FRAC_1_PI, TAU};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::{cosine, mirrored, round_up, unit};
 use crate::{Receiver, Toward};
@@ -29,10 +29,10 @@ pub struct PhongReceiver {
 
 impl PhongReceiver {
     /// f · cos θ for light from `direction`, of any length but 0, in sr⁻¹.
-    pub fn eval(&self, direction: Vec3) -> f32 {
-        let (normal, direction) = (unit(self.normal), unit(direction));
+    pub fn eval(&self, direction: DVec3) -> f64 {
+        let (normal, direction) = (unit(self.normal), direction.normalize());
         let cos_alpha = mirrored(unit(self.view), normal).dot(direction);
-        (self.brdf(cos_alpha) * cosine(normal, direction).max(0.0)) as f32
+        self.brdf(cos_alpha) * cosine(normal, direction).max(0.0)
     }
 
     fn brdf(&self, cos_alpha: f64) -> f64 {

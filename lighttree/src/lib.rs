@@ -27,13 +27,18 @@
 //! - **Errors.** Bad input is a typed error that names the index; a programmer's mistake (slices of different
 //!   lengths, a node of another tree) panics with the rule in its message; what may be absent is an `Option`.
 
+mod alias;
 mod bound;
 mod bounds;
 mod build;
+#[cfg(feature = "conformance")]
+pub mod conformance;
 mod cut;
 mod emitter;
+pub mod exhaustive;
 mod hierarchy;
 mod node;
+pub mod oracle;
 mod perfect;
 mod rays;
 mod receiver;
@@ -44,7 +49,9 @@ mod select;
 pub mod strategies;
 mod toward;
 mod tree;
+mod walk;
 
+pub use alias::{AliasTable, PowerSampler, UniformSampler, WeightError};
 pub use bound::{Bound, BoundTerms, GeometricBound, NodeBound, emission_bound};
 pub use bounds::{Cone, LightBounds};
 pub use build::{BuildError, BuildMethod, BuildParams, MortonBits};
@@ -62,3 +69,4 @@ pub use sampler::{BatchLightSampler, LightSample, LightSampler, PerReceiver, Sam
 pub use select::{CutPolicy, CutSelector, select_cut};
 pub use toward::Toward;
 pub use tree::LightTree;
+pub use walk::{ChildChoice, TreeSampler};

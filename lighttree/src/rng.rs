@@ -137,8 +137,7 @@ impl Decisions {
             }
             core::cmp::Ordering::Equal => {
                 let first = self.fresh.u32() < part;
-                self.value = self.fresh.u64();
-                self.last = u64::MAX;
+                self.refresh();
                 first
             }
         };
@@ -148,4 +147,55 @@ impl Decisions {
         }
         chosen
     }
+
+    /// An index below `count`, each with probability 1/`count`, exactly (Lemire, "Fast Random Integer Generation in an
+    /// Interval", 2019); the next 64 bits are fresh.
+    ///
+    /// To the bit: `product = value · count` (96 bits) with `value` as it is if nothing was consumed yet, otherwise the next two words; while
+    /// `product mod 2^64 < 2^64 mod count`, again with the next two words; the index is `product >> 64`. Then `value` is
+    /// the next two words and `last = 2^64 - 1`.
+    ///
+    /// # Panics
+    /// If `count` is 0: there is no such index.
+    pub fn index(&mut self, count: u32) -> u32 {
+        assert!(count > 0, "an index below 0 was asked for");
+        let too_low = u64::from(count).wrapping_neg() % u64::from(count);
+        let mut word = if self.last == u64::MAX { self.value } else { self.fresh.u64() };
+        loop {
+            let product = u128::from(word) * u128::from(count);
+            if product as u64 >= too_low {
+                self.refresh();
+                return (product >> 64) as u32;
+            }
+            word = self.fresh.u64();
+        }
+    }
+
+    /// A number in (0, 1), all that is known of it; the next 64 bits are fresh.
+    ///
+    /// `(value + 1/2) / (last + 1)` in f64, kept below 1.
+    pub fn unit(&mut self) -> f64 {
+        let x = (self.value as f64 + 0.5) / (self.last as f64 + 1.0);
+        self.refresh();
+        x.min(1.0 - f64::EPSILON / 2.0)
+    }
+
+    fn refresh(&mut self) {
+        self.value = self.fresh.u64();
+        self.last = u64::MAX;
+    }
 }
+
+/// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor` (at most 2^31) and at
+/// least 1 away from certain, and `floor` away from impossible. NaN counts as 1/2.
+pub fn quantized(probability: f64, floor: u32) -> u32 {
+    let scaled = if probability.is_nan() { 2_147_483_648.0 } else { (probability * TWO_POW_32).round() };
+    (scaled as u32).clamp(floor, u32::MAX - floor.saturating_sub(1))
+}
+
+/// What [`quantized`] stands for: exact.
+pub fn probability(quantized: u32) -> f64 {
+    f64::from(quantized) / TWO_POW_32
+}
+
+const TWO_POW_32: f64 = 4_294_967_296.0;

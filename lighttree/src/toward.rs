@@ -91,7 +91,7 @@ impl Toward {
     fn largest_cos(&self, n: DVec3) -> Option<f64> {
         let center = self.low + self.high;
         let mut t = 0.5 * center.length_squared() / n.dot(center);
-        if !(t >= 0.0 && t < f64::INFINITY) {
+        if !(0.0..f64::INFINITY).contains(&t) {
             t = self.beyond(n);
         }
         let (mut too_small, mut too_large) = (0.0, f64::INFINITY);

@@ -163,3 +163,6 @@ pub(crate) fn cosine_hemisphere(normal: Vec3, u: f32, v: f32) -> Vec3 {
     let z = (1.0 - u).max(0.0).sqrt();
     (r * cos_phi * tangent + r * sin_phi * bitangent + z * normal).normalize()
 }
+
+#[cfg(test)]
+mod tests;

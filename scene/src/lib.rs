@@ -14,8 +14,11 @@ mod light;
 mod material;
 mod model;
 mod open;
+mod particles;
+mod path_trace;
 mod rays;
 mod render;
+mod sampled;
 mod shading;
 mod texture;
 
@@ -28,14 +31,19 @@ pub use light::{DistantLight, Light, LightPoint, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};
 pub use open::{SceneError, open};
+pub use particles::{Arrival, WalkParams, WalkReport, virtual_lights, walk};
+pub use path_trace::{NoDirect, PathTracer};
 pub use rays::{
-    AcceptAll, BuildStats, HitFilter, Path as RayPath, RaysError, RaysParams, SceneRays, Scratch as RayScratch, Surface,
-    WideBvh, offset,
+    AcceptAll, BuildStats, HitFilter, Path as RayPath, RaysError, RaysParams, SceneRays,
+    Scratch as RayScratch, Surface, WideBvh, offset,
 };
 pub use render::{
-    Counts, DirectLighting, Frame, IndirectLighting, NoIndirect, Progress, RenderError, RenderParams, Rendered, TILE, render,
+    Counts, DirectLighting, Frame, IndirectLighting, NoIndirect, Progress, RenderError, RenderParams,
+    Rendered, TILE, render,
 };
+pub use sampled::Sampled;
 pub use shading::{
-    CameraPath, Coverage, Geometry, MAX_CHAIN, Place, Purpose, ShadingPoint, SurfaceLook, Vertex, camera_path, vertex,
+    CameraPath, Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, SurfaceLook, Vertex, camera_path,
+    vertex,
 };
 pub use texture::{Texture, Wrap};

@@ -6,31 +6,12 @@ use lighttree::{Ray, RayHit, RayQueries, Receiver, Segment, Toward, rng::Random}
 use crate::bsdf::{Bsdf, Dielectric, Ggx, Phong, Transport};
 use crate::light::{LightPoint, Profile};
 use crate::render::{Counts, Frame};
-use crate::{AlphaMode, DistantLight, Material, Scene, TextureSlot};
+use crate::{AlphaMode, DistantLight, Material, Scene, Surface, TextureSlot};
 
-/// What a ray query's answer means to a shader; host geometry gives it beside [`RayQueries`].
+/// Rays against a [`Scene`], and what their answers mean to a shader.
 pub trait Geometry: RayQueries + Sync {
-    /// The place that `hit` of `ray` found.
-    fn place(&self, scene: &Scene, ray: &Ray, hit: &RayHit) -> Place;
-}
-
-/// A place on a surface, before its material is looked at.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
-    /// World-space position on the triangle.
-    pub position: Vec3,
-    /// Unit normal of the triangle on its front, where its vertices run counter-clockwise.
-    pub geometric_normal: Vec3,
-    /// Unit interpolated normal, roughly on the same side.
-    pub shading_normal: Vec3,
-    /// Both sets of texture coordinates.
-    pub uvs: [Vec2; 2],
-    /// Index into [`Scene::instances`].
-    pub instance: u32,
-    /// Index into that instance's triangles.
-    pub triangle: u32,
-    /// Distance along the normal that takes a ray's start safely off the surface: more than all rounding.
-    pub offset: f32,
+    /// The surface that `hit` of `ray` found.
+    fn surface(&self, scene: &Scene, ray: &Ray, hit: &RayHit) -> Surface;
 }
 
 /// A point to be lit.
@@ -281,14 +262,9 @@ fn found<Q: Geometry>(
     coverage: Coverage,
     random: &mut Random,
 ) -> Found {
-    let place = frame.rays.place(frame.scene, ray, hit);
-    let instance = &frame.scene.instances[place.instance as usize];
-    let mesh = &frame.scene.meshes[instance.mesh as usize];
-    let material = &frame.scene.materials[mesh.material as usize];
-    let look = material.look(frame.scene, place.uvs);
-    let wo = -ray.direction.normalize();
-    let front = place.geometric_normal.dot(wo) >= 0.0;
-    let geometric_normal = if front { place.geometric_normal } else { -place.geometric_normal };
+    let surface = frame.rays.surface(frame.scene, ray, hit);
+    let material = &frame.scene.materials[surface.material as usize];
+    let look = material.look(frame.scene, [surface.uv, surface.uv1]);
     // Transmission already says what passes; alpha says it only without.
     if material.alpha_mode == AlphaMode::Blend && material.transmission == 0.0 {
         let covered = match coverage {
@@ -296,29 +272,25 @@ fn found<Q: Geometry>(
             Coverage::Threshold => look.alpha >= 0.5,
         };
         if !covered {
-            let origin = place.position - place.offset * geometric_normal;
-            return Found::Nothing(Ray { origin, ..*ray });
+            return Found::Nothing(Ray { origin: surface.offset(ray.direction), ..*ray });
         }
     }
-    let normal = visible_normal(
-        if front { place.shading_normal } else { -place.shading_normal },
-        geometric_normal,
-        wo,
-    );
+    let wo = -ray.direction.normalize();
+    let geometric_normal = surface.facing_normal();
     let choice = if material.transmission > 0.0 { random.f32() } else { 0.0 };
     let point = ShadingPoint {
-        position: place.position,
+        position: surface.position,
         geometric_normal,
-        normal,
+        normal: visible_normal(surface.facing_shading_normal(), geometric_normal, wo),
         wo,
-        bsdf: material.bsdf(&look, front, choice),
+        bsdf: material.bsdf(&look, surface.front, choice),
         throughput: Vec3::ONE,
         pixel: 0,
         sample: 0,
-        offset: place.offset,
+        offset: surface.error,
     };
-    let emission = material.emission(&look, front);
-    Found::Surface(Vertex { point, emission, instance: place.instance, triangle: place.triangle })
+    let emission = material.emission(&look, surface.front);
+    Found::Surface(Vertex { point, emission, instance: surface.instance, triangle: surface.triangle })
 }
 
 /// The shading normal, turned as little as needed where it faces away from a viewer who sees the surface: at silhouettes of

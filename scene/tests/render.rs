@@ -4,18 +4,12 @@ mod common;
 
 use core::f32::consts::PI;
 
-use common::{Loop, add_quad, down_from, emitter, floor, lambert};
+use common::{add_quad, brute, down_from, emitter, floor, lambert};
 use glam::Vec3;
-use scene::{BruteForce, DistantLight, Frame, Light, NoIndirect, RenderParams, Rendered, Scene, render};
+use scene::{DistantLight, Light, RenderParams, Scene};
 
 fn params(width: u32, height: u32, spp: u32) -> RenderParams {
-    RenderParams { width, height, spp, threads: 2, pixels: None }
-}
-
-fn brute(scene: &Scene, camera: &scene::Camera, params: &RenderParams) -> Rendered {
-    let rays = Loop::new(scene);
-    let frame = Frame::new(scene, &rays, &scene.lights, 1);
-    render(&frame, camera, params, &BruteForce, &NoIndirect, &()).unwrap()
+    RenderParams { width, height, spp, threads: 2, ..RenderParams::default() }
 }
 
 /// a/π · I · c / d², exactly as the program's units say; in the middle c = 1, and an equal light beyond the floor adds nothing.

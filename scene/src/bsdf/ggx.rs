@@ -12,7 +12,7 @@
 use core::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use lighttree::Toward;
+use lighttree::{GgxReceiver, Receiver, Toward};
 
 use super::cosine_hemisphere;
 
@@ -22,7 +22,7 @@ pub struct Ggx {
     /// Albedo of the base; what reaches it and leaves it again is up to the dielectric interface.
     diffuse: Vec3,
     /// Dielectric interface over the base: reflectance at normal and at grazing incidence, largest channel.
-    interface: [f32; 2],
+    pub(super) interface: [f32; 2],
     /// Reflectance of the lobe at normal incidence, dielectric and metal mixed.
     f0: Vec3,
     /// Its reflectance at grazing incidence.
@@ -30,12 +30,16 @@ pub struct Ggx {
     /// Width of the microfacet distribution: roughness².
     alpha: f32,
     /// `base albedo / (1 - F̄) / π`, ready for evaluation.
-    base: Vec3,
+    pub(super) base: Vec3,
 }
 
 impl Ggx {
     /// Narrowest lobe, 0.06° wide: f32 directions cannot tell narrower ones apart. Roughness below 0.032 is drawn as that.
     pub const MIN_ALPHA: f32 = 1e-3;
+
+    /// What a rough lobe reflects more than a smooth interface would, at most (at middle angles and roughness 0.3, found by
+    /// integration): the base is kept that much darker, so that both together never reflect more than arrives.
+    const ROUGH_EXCESS: f32 = 0.003;
 
     /// From glTF's parameters, all but `ior` (at least 1) in [0, 1]; `specular` and `specular_color` as in `KHR_materials_specular`.
     pub fn new(
@@ -48,7 +52,7 @@ impl Ggx {
     ) -> Self {
         let at_normal = ((ior - 1.0) / (ior + 1.0)).powi(2);
         let dielectric_f0 = (at_normal * specular_color).min(Vec3::ONE) * specular;
-        let interface = [dielectric_f0.max_element(), specular];
+        let interface = [dielectric_f0.max_element() + Self::ROUGH_EXCESS * specular, specular];
         let diffuse = base_color * (1.0 - metallic);
         Self {
             diffuse,
@@ -132,15 +136,14 @@ impl Ggx {
         (half.x * tangent + half.y * bitangent + half.z * normal).normalize_or(normal)
     }
 
-    pub(super) fn scatter_bound(&self, _position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
-        let cos_i = toward.max_cos(normal).max(0.0);
-        if cos_i == 0.0 {
-            return 0.0;
-        }
-        let cos_o = normal.dot(wo).max(0.0);
-        let peak = FRAC_1_PI / (self.alpha * self.alpha);
-        let lobe = 0.5 * peak * self.f0.max_element().max(self.f90) / self.smith(cos_o);
-        self.base.max_element() * cos_i + lobe
+    pub(super) fn scatter_bound(&self, position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
+        // The interface lets most through at normal incidence of the light. The receiver's lobe reaches 1 at grazing incidence,
+        // ours at most that; it needs some reflectance at normal incidence to have a lobe at all.
+        let through = (1.0 - schlick(self.interface, normal.dot(wo))) * (1.0 - self.interface[0]);
+        let diffuse = PI * self.base.max_element() * through;
+        let f0 = self.f0.max_element();
+        let f0 = if self.f90 > 0.0 { f0.max(f32::MIN_POSITIVE) } else { f0 };
+        GgxReceiver { position, normal, view: wo, diffuse, f0, alpha: self.alpha }.scatter_bound(toward)
     }
 
     /// Probability of sampling the lobe: its share of the reflectance of a smooth interface.
@@ -167,7 +170,7 @@ impl Ggx {
 }
 
 /// Schlick, "An Inexpensive BRDF Model for Physically-Based Rendering", 1994; reflectances at normal and grazing incidence.
-fn schlick([f0, f90]: [f32; 2], cos: f32) -> f32 {
+pub(super) fn schlick([f0, f90]: [f32; 2], cos: f32) -> f32 {
     f0 + (f90 - f0) * pow5(1.0 - cos.clamp(0.0, 1.0))
 }
 

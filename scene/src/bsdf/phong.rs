@@ -6,7 +6,7 @@
 use core::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use lighttree::Toward;
+use lighttree::{PhongReceiver, Receiver, Toward};
 
 use super::{cosine_hemisphere, reflect};
 
@@ -67,13 +67,10 @@ impl Phong {
         (normal.dot(wi) > 0.0).then_some(wi)
     }
 
-    pub(super) fn scatter_bound(&self, _position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
-        let cos_i = toward.max_cos(normal).max(0.0);
-        let lobe = (self.exponent + 2.0)
-            * 0.5
-            * FRAC_1_PI
-            * power(toward.max_cos(reflect(wo, normal)), self.exponent);
-        (self.diffuse.max_element() * FRAC_1_PI + self.specular.max_element() * lobe) * cos_i
+    pub(super) fn scatter_bound(&self, position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
+        let (diffuse, specular) = (self.diffuse.max_element(), self.specular.max_element());
+        PhongReceiver { position, normal, view: wo, diffuse, specular, exponent: self.exponent }
+            .scatter_bound(toward)
     }
 
     fn specular_probability(&self) -> f32 {

@@ -12,7 +12,7 @@ use super::ray::Scratch;
 use super::surface::{Surface, Surfaces, world_triangle};
 use super::triangle::{AcceptAll, HitFilter};
 use super::two_level::TwoLevel;
-use crate::{Geometry, Place, Scene};
+use crate::{Geometry, Scene};
 
 /// How a scene is made ready for rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -184,17 +184,8 @@ fn flattened(scene: &Scene, primitives: &Primitives, alpha: &AlphaMasks) -> Resu
 }
 
 impl Geometry for SceneRays {
-    fn place(&self, scene: &Scene, ray: &Ray, hit: &RayHit) -> Place {
-        let surface = self.surface(scene, ray, hit);
-        Place {
-            position: surface.position,
-            geometric_normal: surface.geometric_normal,
-            shading_normal: surface.shading_normal,
-            uvs: [surface.uv, surface.uv1],
-            instance: surface.instance,
-            triangle: surface.triangle,
-            offset: surface.error,
-        }
+    fn surface(&self, scene: &Scene, ray: &Ray, hit: &RayHit) -> Surface {
+        self.surface(scene, ray, hit)
     }
 }
 

@@ -3,8 +3,12 @@
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part")]
 
 use glam::{DVec3, Vec2, Vec3};
-use lighttree::{Ray, RayHit, RayQueries, Segment};
-use scene::{Camera, Geometry, Instance, Light, Material, Mesh, Place, Scene};
+use lighttree::rng::Decisions;
+use lighttree::{LightId, LightSample, LightSampler, Ray, RayHit, RayQueries, Segment};
+use scene::{
+    BruteForce, Camera, Frame, Geometry, Instance, Light, Material, Mesh, NoIndirect, RenderParams, Rendered,
+    Scene, Surface, render,
+};
 
 pub struct Loop {
     triangles: Vec<([DVec3; 3], u32, u32)>,
@@ -62,7 +66,7 @@ impl RayQueries for Loop {
 }
 
 impl Geometry for Loop {
-    fn place(&self, scene: &Scene, _: &Ray, hit: &RayHit) -> Place {
+    fn surface(&self, scene: &Scene, ray: &Ray, hit: &RayHit) -> Surface {
         let ([a, b, c], instance, triangle) = self.triangles[hit.primitive as usize];
         let (u, v) = (f64::from(hit.u), f64::from(hit.v));
         let normal = (b - a).cross(c - a).normalize().as_vec3();
@@ -71,14 +75,17 @@ impl Geometry for Loop {
         let uv = |k: usize| mesh.uvs.get(corners[k] as usize).copied().unwrap_or(Vec2::ZERO);
         let uv = uv(0) * (1.0 - hit.u - hit.v) + uv(1) * hit.u + uv(2) * hit.v;
         let extent = a.abs().max(b.abs()).max(c.abs()).max_element();
-        Place {
+        Surface {
             position: (a + (b - a) * u + (c - a) * v).as_vec3(),
             geometric_normal: normal,
             shading_normal: normal,
-            uvs: [uv, uv],
+            uv,
+            uv1: uv,
+            material: mesh.material,
             instance,
             triangle,
-            offset: 64.0 * f32::EPSILON * extent as f32,
+            front: normal.dot(ray.direction) < 0.0,
+            error: 64.0 * f32::EPSILON * extent as f32,
         }
     }
 }
@@ -128,4 +135,36 @@ pub fn floor(scene: &mut Scene, half: f32, material: Material) {
 /// Looks straight down at the origin with a tiny angle of view.
 pub fn down_from(height: f32, fov: f32) -> Camera {
     Camera::look_at("down", Vec3::Z * height, Vec3::ZERO, Vec3::Y, fov)
+}
+
+/// Each of the first so many lights with the same probability.
+#[derive(Clone, Copy)]
+pub struct Uniform(pub usize);
+
+impl<R> LightSampler<R> for Uniform {
+    fn sample(&self, _: &R, random: &mut Decisions) -> Option<LightSample> {
+        let mut left = 0..self.0 as u32;
+        while left.len() > 1 {
+            let half = left.len() / 2;
+            let q = (half as u64 * (1 << 32) / left.len() as u64) as u32;
+            left = if random.choose(q) {
+                left.start..left.start + half as u32
+            } else {
+                left.start + half as u32..left.end
+            };
+        }
+        let light = LightId(left.next()?);
+        Some(LightSample { light, pmf: 1.0 / self.0 as f64 })
+    }
+
+    fn pmf(&self, _: &R, light: LightId) -> f64 {
+        if (light.0 as usize) < self.0 { 1.0 / self.0 as f64 } else { 0.0 }
+    }
+}
+
+/// Direct light by brute force, rays by [`Loop`].
+pub fn brute(scene: &Scene, camera: &Camera, params: &RenderParams) -> Rendered {
+    let rays = Loop::new(scene);
+    let frame = Frame::new(scene, &rays, &scene.lights, 1);
+    render(&frame, camera, params, &BruteForce, &NoIndirect, &()).unwrap()
 }

@@ -1,0 +1,240 @@
+//! An unbiased path tracer: the truth for global illumination, and indirect light for every other method.
+//!
+//! Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995: at each vertex one light is drawn and one
+//! direction, combined by the power heuristic (section 3.4, exponent 2). Lights without an area can only be drawn,
+//! emitters behind mirrors and glass can only be hit.
+
+use glam::{DVec3, Vec3};
+use lighttree::rng::{Decisions, Random};
+use lighttree::{LightId, LightSample, LightSampler};
+
+use crate::Light;
+use crate::bsdf::Transport;
+use crate::render::{Counts, DirectLighting, Frame, IndirectLighting, distant_light};
+use crate::shading::{Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, Vertex, vertex};
+
+/// Path tracing from shading points on.
+#[derive(Clone, Debug)]
+pub struct PathTracer<S> {
+    /// Draws lights at each vertex; has to know [`Frame::lights`].
+    pub sampler: S,
+    /// Indirect bounces: vertices after the shading point that are lit directly. 0: no indirect light.
+    pub bounces: u32,
+    /// Whether direct light at the shading point itself is included (the method `path`), or another method's business.
+    pub direct: bool,
+    emitters: EmitterIndex,
+}
+
+/// Direct light is part of [`PathTracer`]: none here.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoDirect;
+
+impl<Q: Geometry> DirectLighting<Q> for NoDirect {
+    type Scratch = ();
+    fn shade(
+        &self,
+        _: &Frame<'_, Q>,
+        _: &[ShadingPoint],
+        (): &mut (),
+        _: &mut Q::Scratch,
+        _: &mut [DVec3],
+        _: &mut Counts,
+    ) {
+    }
+}
+
+/// Vertices after which paths begin to be ended by chance.
+const ROULETTE_FROM: u32 = 3;
+
+impl<S> PathTracer<S> {
+    /// A path tracer over `lights`, the same list that the frame has.
+    pub fn new(lights: &[Light], sampler: S, bounces: u32, direct: bool) -> Self {
+        Self { sampler, bounces, direct, emitters: EmitterIndex::new(lights) }
+    }
+}
+
+impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> IndirectLighting<Q> for PathTracer<S> {
+    fn radiance(
+        &self,
+        frame: &Frame<'_, Q>,
+        first: &ShadingPoint,
+        rays: &mut Q::Scratch,
+        counts: &mut Counts,
+    ) -> DVec3 {
+        if self.bounces == 0 && !self.direct {
+            return DVec3::ZERO;
+        }
+        let mut random = first.random(frame.seed, Purpose::Path);
+        let mut point = *first;
+        let mut throughput = DVec3::ONE;
+        let mut sum = DVec3::ZERO;
+        for bounce in 0..=self.bounces {
+            // Light this vertex: by lights drawn, and those without a place.
+            let lit = bounce > 0 || self.direct;
+            if lit {
+                sum += throughput * self.drawn_light(frame, &point, &mut random, rays, counts).as_dvec3();
+            }
+            if bounce > 0 {
+                sum += throughput * distant_light(frame, &point, rays, counts);
+            }
+
+            // Go on in a direction drawn from the BSDF. An emitter there lights this vertex, too.
+            let last = bounce == self.bounces;
+            if last && !lit {
+                break;
+            }
+            let u = [random.f32(), random.f32(), random.f32()];
+            let Some(step) = point.bsdf.sample(point.normal, point.wo, u, Transport::Radiance) else { break };
+            if point.geometric_normal.dot(step.wi) <= 0.0 {
+                break;
+            }
+            let before = throughput.max_element();
+            throughput *= step.weight.as_dvec3();
+            let ray = point.leave(step.wi);
+            let Some(next) = vertex(frame, ray, Coverage::Threshold, &mut random, rays, counts) else {
+                break;
+            };
+            if lit && next.emission != Vec3::ZERO {
+                let weight = self.hit_weight(&point, step.pdf, step.wi, &next, frame.lights);
+                sum += throughput * (next.emission.as_dvec3() * weight);
+            }
+            if last {
+                break;
+            }
+            let Some(next) =
+                self.through_specular(frame, next, &mut throughput, &mut sum, &mut random, rays, counts)
+            else {
+                break;
+            };
+            point = ShadingPoint { pixel: first.pixel, sample: first.sample, ..next };
+
+            // Russian roulette, by what this vertex and the mirrors after it let through.
+            if bounce >= ROULETTE_FROM {
+                let survival = (throughput.max_element() / before).min(0.95);
+                if random.f64() >= survival {
+                    break;
+                }
+                throughput /= survival;
+            }
+        }
+        sum
+    }
+}
+
+impl<S: LightSampler<ShadingPoint>> PathTracer<S> {
+    /// Follows mirrors and glass from `found` to the next point to be lit; emitters on the way could not have been drawn.
+    #[expect(clippy::too_many_arguments, reason = "the state of one path")]
+    fn through_specular<Q: Geometry>(
+        &self,
+        frame: &Frame<'_, Q>,
+        mut found: Vertex,
+        throughput: &mut DVec3,
+        sum: &mut DVec3,
+        random: &mut Random,
+        rays: &mut Q::Scratch,
+        counts: &mut Counts,
+    ) -> Option<ShadingPoint> {
+        for _ in 0..MAX_CHAIN {
+            let point = found.point;
+            if !point.bsdf.is_specular() {
+                return Some(point);
+            }
+            let step =
+                point.bsdf.sample(point.normal, point.wo, [random.f32(), 0.0, 0.0], Transport::Radiance)?;
+            *throughput *= step.weight.as_dvec3();
+            if *throughput == DVec3::ZERO {
+                return None;
+            }
+            found = vertex(frame, point.leave(step.wi), Coverage::Threshold, random, rays, counts)?;
+            *sum += *throughput * found.emission.as_dvec3();
+        }
+        counts.chains_cut += 1;
+        None
+    }
+
+    /// Direct light at `point` from one light drawn, weighted against drawing its direction from the BSDF.
+    fn drawn_light<Q: Geometry>(
+        &self,
+        frame: &Frame<'_, Q>,
+        point: &ShadingPoint,
+        random: &mut Random,
+        rays: &mut Q::Scratch,
+        counts: &mut Counts,
+    ) -> Vec3 {
+        let mut decisions = Decisions::new(random.clone());
+        let sample = self.sampler.sample(point, &mut decisions);
+        *random = decisions.into_stream();
+        let Some(LightSample { light, pmf }) = sample else { return Vec3::ZERO };
+        let light = &frame.lights[light.0 as usize];
+        let at = light.point(frame.scene, [random.f32(), random.f32()]);
+        counts.light_evaluations += 1;
+        let value = point.contribution(&at);
+        if value == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        counts.shadow_rays += 1;
+        if frame.rays.occluded(&point.segment(&at), rays) {
+            return Vec3::ZERO;
+        }
+        let weight = match at.from(point.position) {
+            Some((wi, squared)) if !light.is_point() => {
+                let drawn = pmf * density_per_steradian(light, wi, squared);
+                power_heuristic(drawn, f64::from(point.bsdf.pdf(point.normal, point.wo, wi)))
+            }
+            _ => 1.0,
+        };
+        (value.as_dvec3() * (weight / pmf)).as_vec3()
+    }
+
+    /// Weight of an emitter that the direction `wi`, drawn with density `pdf`, has hit.
+    fn hit_weight(&self, from: &ShadingPoint, pdf: f32, wi: Vec3, hit: &Vertex, lights: &[Light]) -> f64 {
+        let Some(id) = self.emitters.light(hit.instance, hit.triangle) else { return 1.0 };
+        let squared = from.position.as_dvec3().distance_squared(hit.point.position.as_dvec3());
+        let drawn = self.sampler.pmf(from, id) * density_per_steradian(&lights[id.0 as usize], wi, squared);
+        power_heuristic(f64::from(pdf), drawn)
+    }
+}
+
+/// Density per steradian, at distance² `squared` in direction `wi`, of a uniform point of an emissive triangle; 0 edge-on.
+fn density_per_steradian(light: &Light, wi: Vec3, squared: f64) -> f64 {
+    let Light::Triangle { vertices: [a, b, c], .. } = *light else { return 0.0 };
+    // Half the cross product is area × normal, so this is area × cosine.
+    let projected = 0.5 * (b - a).as_dvec3().cross((c - a).as_dvec3()).dot(wi.as_dvec3()).abs();
+    if projected > 0.0 { squared / projected } else { 0.0 }
+}
+
+/// Weight of a sample drawn with density `own` where another strategy would have drawn it with `other`.
+fn power_heuristic(own: f64, other: f64) -> f64 {
+    if own == 0.0 {
+        return 0.0;
+    }
+    let ratio = other / own;
+    1.0 / (1.0 + ratio * ratio)
+}
+
+/// Which light a triangle of the scene is.
+#[derive(Clone, Debug, Default)]
+struct EmitterIndex {
+    /// (instance, triangle, light), sorted.
+    entries: Vec<(u32, u32, u32)>,
+}
+
+impl EmitterIndex {
+    fn new(lights: &[Light]) -> Self {
+        let mut entries: Vec<_> = (0u32..)
+            .zip(lights)
+            .filter_map(|(id, light)| match *light {
+                Light::Triangle { instance, triangle, .. } => Some((instance, triangle, id)),
+                _ => None,
+            })
+            .collect();
+        entries.sort_unstable();
+        Self { entries }
+    }
+
+    fn light(&self, instance: u32, triangle: u32) -> Option<LightId> {
+        let key = (instance, triangle);
+        let at = self.entries.binary_search_by(|&(i, t, _)| (i, t).cmp(&key)).ok()?;
+        Some(LightId(self.entries[at].2))
+    }
+}

@@ -1,6 +1,7 @@
 //! A scene as plain data: what an importer or a generator fills and everything else reads.
 
 mod emission;
+mod footprint;
 
 use glam::{Affine3A, Vec2, Vec3};
 

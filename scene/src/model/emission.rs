@@ -1,9 +1,13 @@
 //! Emissive surfaces as lights: one triangle light for each triangle that emits.
 
-use glam::{Vec2, Vec3};
+use std::collections::HashMap;
 
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::footprint::Footprints;
 use super::{Mesh, Scene};
-use crate::{Light, Material, Texture};
+use crate::{Light, Material};
 
 /// What [`Scene::add_emissive_triangles`] found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,18 +24,29 @@ impl Scene {
     /// Adds a [`Light::Triangle`] for each triangle, after instancing, whose material emits, in the order of
     /// instances and triangles. Call it once, when geometry and materials are complete.
     ///
-    /// The radiance is the mean of `emissive × texture` over the triangle. A mirrored instance's triangles are
+    /// The radiance is the mean of `emissive × texture` over the triangle, exact up to rounding for footprints of up
+    /// to some two thousand texels across and from an averaged image beyond; never black where the texture is not. A mirrored instance's triangles are
     /// turned round, so that the light's front stays the surface's.
     pub fn add_emissive_triangles(&mut self) -> EmissionSummary {
         let mut summary = EmissionSummary::default();
+        let mut footprints: HashMap<u32, Footprints> = HashMap::new();
+        // By mesh, since instances share it.
+        let mut radiances: HashMap<u32, Vec<Vec3>> = HashMap::new();
         for (index, instance) in self.instances.iter().enumerate() {
             let mesh = &self.meshes[instance.mesh as usize];
             let material = &self.materials[mesh.material as usize];
             if material.emissive == Vec3::ZERO {
                 continue;
             }
+            let texture = material.emissive_texture.map(|slot| slot.texture);
+            let footprints = texture.map(|texture| {
+                let entry = footprints.entry(texture);
+                &*entry.or_insert_with(|| Footprints::new(&self.textures[texture as usize]))
+            });
+            let radiances =
+                radiances.entry(instance.mesh).or_insert_with(|| mean_radiance(mesh, material, footprints));
             let mirrored = instance.is_mirrored();
-            for (triangle, corners) in mesh.triangles.iter().enumerate() {
+            for (triangle, (corners, &radiance)) in mesh.triangles.iter().zip(&*radiances).enumerate() {
                 summary.emissive_triangles += 1;
                 let [a, b, c] =
                     corners.map(|i| instance.to_world.transform_point3(mesh.positions[i as usize]));
@@ -40,7 +55,6 @@ impl Scene {
                     summary.without_area += 1;
                     continue;
                 }
-                let radiance = mean_radiance(material, &self.textures, mesh, *corners);
                 if radiance == Vec3::ZERO {
                     summary.black += 1;
                     continue;
@@ -58,20 +72,12 @@ impl Scene {
     }
 }
 
-/// Mean of what a triangle of `mesh` emits.
-fn mean_radiance(material: &Material, textures: &[Texture], mesh: &Mesh, corners: [u32; 3]) -> Vec3 {
-    let Some(slot) = material.emissive_texture else { return material.emissive };
+/// Mean emitted radiance of each triangle of `mesh`, black where its texture is.
+fn mean_radiance(mesh: &Mesh, material: &Material, footprints: Option<&Footprints>) -> Vec<Vec3> {
+    let (Some(slot), Some(footprints)) = (material.emissive_texture, footprints) else {
+        return vec![material.emissive; mesh.triangles.len()];
+    };
     let uvs = if slot.uv_set == 0 { &mesh.uvs } else { &mesh.uvs1 };
     let uv = |i: u32| slot.transform.transform_point2(uvs.get(i as usize).copied().unwrap_or(Vec2::ZERO));
-    let [a, b, c] = corners.map(uv);
-    let texture = &textures[slot.texture as usize];
-    const STEPS: u32 = 16;
-    let mut sum = Vec3::ZERO;
-    for i in 0..STEPS {
-        for j in 0..STEPS - i {
-            let (u, v) = ((i as f32 + 1.0 / 3.0) / STEPS as f32, (j as f32 + 1.0 / 3.0) / STEPS as f32);
-            sum += texture.sample(a + u * (b - a) + v * (c - a)).truncate();
-        }
-    }
-    material.emissive * sum / (STEPS * (STEPS + 1) / 2) as f32
+    mesh.triangles.par_iter().map(|corners| material.emissive * footprints.mean(corners.map(uv))).collect()
 }

@@ -1,0 +1,126 @@
+//! What a bound and a sampled light cost: nanoseconds per bound, samples per second by child choice and size of the tree.
+
+use std::hint::black_box;
+use std::time::Duration;
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use glam::Vec3;
+use lighttree::rng::{Decisions, Random};
+use lighttree::{
+    BuildParams, ChildChoice, GeometricBound, GgxReceiver, LambertReceiver, LightBounds, LightId,
+    LightSampler, LightTree, MortonBits, NodeBound, PerfectTree, PhongReceiver, PowerSampler, Receiver,
+    TreeSampler, UniformSampler,
+};
+
+fn vec3(random: &mut Random) -> Vec3 {
+    Vec3::new(random.f32(), random.f32(), random.f32())
+}
+
+/// Boxes of all sizes in the unit cube, each with a cone, or none.
+fn boxes(with_cones: bool) -> Vec<LightBounds> {
+    let mut random = Random::new(1, 0, 0);
+    let mut boxes = Vec::new();
+    for _ in 0..1024 {
+        let size = 0.5f32.powf(8.0 * random.f32());
+        let min = (1.0 - size) * vec3(&mut random);
+        let omni = LightBounds::omnidirectional(min, min + size * vec3(&mut random), 1.0);
+        let axis = (vec3(&mut random) - 0.5).normalize();
+        let cone = LightBounds { axis, cos_theta_o: random.f32(), cos_theta_e: 0.0, ..omni };
+        boxes.push(if with_cones { cone } else { omni });
+    }
+    boxes
+}
+
+fn bound(c: &mut Criterion) {
+    let mut group = c.benchmark_group("bound");
+    group.throughput(Throughput::Elements(1));
+    let position = Vec3::new(0.3, 0.4, 0.1);
+    let (normal, view) = (Vec3::new(0.1, -0.2, 1.0).normalize(), Vec3::new(0.5, 0.1, 0.8).normalize());
+    let lambert = LambertReceiver { position, normal, albedo: 0.7 };
+    let phong = PhongReceiver { position, normal, view, diffuse: 0.5, specular: 0.4, exponent: 150.0 };
+    let ggx = GgxReceiver { position, normal, view, diffuse: 0.5, f0: 0.04, alpha: 0.1 };
+    let mut measure = |name: &str, boxes: &[LightBounds], receiver: &dyn Receiver| {
+        let mut i = 0;
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                i = (i + 1) % boxes.len();
+                black_box(GeometricBound.bound(&boxes[i], receiver))
+            });
+        });
+    };
+    measure("lambert", &boxes(false), &lambert);
+    measure("lambert, cones", &boxes(true), &lambert);
+    measure("phong", &boxes(false), &phong);
+    measure("ggx", &boxes(false), &ggx);
+    let (a, mut i) = (boxes(true), 0);
+    group.bench_function("union", |b| {
+        b.iter(|| {
+            i = (i + 1) % (a.len() - 1);
+            black_box(a[i].union(&a[i + 1]))
+        });
+    });
+}
+
+fn scattered(count: u32) -> Vec<LightBounds> {
+    let mut random = Random::new(2, 0, 0);
+    (0..count).map(|_| LightBounds::point(vec3(&mut random), 0.1 + random.f32())).collect()
+}
+
+fn receivers() -> Vec<LambertReceiver> {
+    let mut random = Random::new(3, 0, 0);
+    let receiver = |_| LambertReceiver {
+        position: vec3(&mut random),
+        normal: (vec3(&mut random) - 0.5).normalize(),
+        albedo: 0.5,
+    };
+    (0..4096).map(receiver).collect()
+}
+
+fn sample(c: &mut Criterion) {
+    let mut group = c.benchmark_group("sample");
+    group.throughput(Throughput::Elements(1));
+    let receivers = receivers();
+    let mut measure = |id: BenchmarkId, sampler: &dyn LightSampler<LambertReceiver>| {
+        let mut i = 0;
+        group.bench_function(id, |b| {
+            b.iter(|| {
+                i += 1;
+                let mut random = Decisions::new(Random::new(1, 2, i));
+                black_box(sampler.sample(&receivers[i as usize % receivers.len()], &mut random))
+            });
+        });
+    };
+    for count in [1_000, 30_000, 1_000_000] {
+        let lights = scattered(count);
+        let perfect = PerfectTree::build(&lights, MortonBits::default()).expect("valid lights");
+        for choice in ChildChoice::ALL {
+            let sampler = TreeSampler::new(&perfect).with_choice(choice);
+            measure(BenchmarkId::new(format!("perfect {choice:?}"), count), &sampler);
+        }
+        let tree = LightTree::build(&lights, &BuildParams::default()).expect("valid lights");
+        measure(BenchmarkId::new("tree", count), &TreeSampler::new(&tree));
+        measure(BenchmarkId::new("power", count), &PowerSampler::new(&lights).expect("valid lights"));
+        measure(BenchmarkId::new("uniform", count), &UniformSampler { count });
+        measure(BenchmarkId::new("tree, pmf", count), &Pmf(&TreeSampler::new(&tree), count));
+    }
+}
+
+/// What asking for a probability costs, for multiple importance sampling.
+struct Pmf<'a, S>(&'a S, u32);
+
+impl<S: LightSampler<LambertReceiver>> LightSampler<LambertReceiver> for Pmf<'_, S> {
+    fn sample(&self, receiver: &LambertReceiver, random: &mut Decisions) -> Option<lighttree::LightSample> {
+        let light = LightId(random.index(self.1));
+        Some(lighttree::LightSample { light, pmf: self.0.pmf(receiver, light) })
+    }
+    fn pmf(&self, receiver: &LambertReceiver, light: LightId) -> f64 {
+        self.0.pmf(receiver, light)
+    }
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default().sample_size(20).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(600));
+    targets = bound, sample
+}
+criterion_main!(benches);

@@ -24,3 +24,18 @@ impl Film {
 pub fn luminance(rgb: Vec3) -> f32 {
     rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }
+
+impl Film {
+    /// 8-bit sRGB of the picture times 2^`stops`, three bytes a pixel; what is brighter than white is white.
+    pub fn to_srgb(&self, stops: f32) -> Vec<u8> {
+        let scale = stops.exp2();
+        self.pixels.iter().flat_map(|&p| (p * scale).to_array().map(srgb_byte)).collect()
+    }
+}
+
+/// IEC 61966-2-1.
+fn srgb_byte(linear: f32) -> u8 {
+    let encoded = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+    // The conversion saturates, and 0.5 rounds to the nearest.
+    (encoded * 255.0 + 0.5) as u8
+}

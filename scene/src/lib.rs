@@ -9,15 +9,18 @@ pub mod bsdf;
 mod builtin;
 mod camera;
 mod film;
+mod image_io;
 mod import;
 mod light;
 mod material;
+mod metrics;
 mod model;
 mod open;
 mod particles;
 mod path_trace;
 mod rays;
 mod render;
+mod requirements;
 mod sampled;
 mod shading;
 mod texture;
@@ -26,9 +29,11 @@ pub use brute_force::BruteForce;
 pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, builtin};
 pub use camera::Camera;
 pub use film::{Film, luminance};
+pub use image_io::{ImageError, auto_exposure, read_exr, write_exr, write_png};
 pub use import::{ImportError, ImportLimits, ImportOptions, ImportProblem, SceneChoice, load};
 pub use light::{DistantLight, Light, LightPoint, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
+pub use metrics::{Errors, MetricError, compare};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};
 pub use open::{SceneError, open};
 pub use particles::{Arrival, WalkParams, WalkReport, virtual_lights, walk};
@@ -41,6 +46,7 @@ pub use render::{
     Counts, DirectLighting, Frame, IndirectLighting, NoIndirect, Progress, RenderError, RenderParams,
     Rendered, TILE, render,
 };
+pub use requirements::Requirements;
 pub use sampled::Sampled;
 pub use shading::{
     CameraPath, Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, SurfaceLook, Vertex, camera_path,

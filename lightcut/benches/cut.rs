@@ -83,9 +83,9 @@ fn cut(c: &mut Criterion) {
             eprintln!();
             group.bench_function(BenchmarkId::new(format!("{threshold}"), count), |b| {
                 b.iter(|| {
-                    receivers.iter().for_each(|r| {
+                    for r in &receivers {
                         black_box(shade(r));
-                    })
+                    }
                 });
             });
         }
@@ -95,9 +95,9 @@ fn cut(c: &mut Criterion) {
             };
             group.bench_function(BenchmarkId::new("all", count), |b| {
                 b.iter(|| {
-                    receivers.iter().for_each(|r| {
+                    for r in &receivers {
                         black_box(all(r));
-                    })
+                    }
                 });
             });
         }

@@ -42,7 +42,23 @@ pub struct BoundTerms {
 impl BoundTerms {
     /// The factors for these emitters and that receiver.
     #[inline]
-    pub fn new(emitters: &LightBounds, receiver: &(impl Receiver + ?Sized)) -> Self {
+    pub fn new<R: Receiver + ?Sized>(emitters: &LightBounds, receiver: &R) -> Self {
+        Self::with(emitters, receiver, R::scatter_bound)
+    }
+
+    /// The same with the receiver's [`scatter_importance`](Receiver::scatter_importance) in place of its bound: not to bound with, but
+    /// cheaper, and 0 for the same emitters.
+    #[inline]
+    pub fn importance<R: Receiver + ?Sized>(emitters: &LightBounds, receiver: &R) -> Self {
+        Self::with(emitters, receiver, R::scatter_importance)
+    }
+
+    #[inline]
+    fn with<R: Receiver + ?Sized>(
+        emitters: &LightBounds,
+        receiver: &R,
+        scatter: impl Fn(&R, &Toward) -> f32,
+    ) -> Self {
         let toward = Toward::new(receiver.position(), emitters.min, emitters.max);
         let mut strength = f64::from(emitters.intensity);
         if strength > 0.0 {
@@ -50,7 +66,7 @@ impl BoundTerms {
         }
         // Scattering comes last: it is the dearest, and may be infinite, which must not meet a 0.
         if strength > 0.0 {
-            strength *= f64::from(receiver.scatter_bound(&toward));
+            strength *= f64::from(scatter(receiver, &toward));
         }
         Self { strength, toward }
     }

@@ -35,6 +35,13 @@ pub trait Receiver {
     /// Upper bound of |f · cos θ|, f the BSDF, in sr⁻¹, over all directions in `toward`. Lambert: albedo/π × largest
     /// cosine; a phase function: its largest value. Infinite is allowed, and keeps a cut refining.
     fn scatter_bound(&self, toward: &Toward) -> f32;
+
+    /// About how much of |f · cos θ| there is for light from `toward`, in sr⁻¹: what samplers weigh nodes by. May be wrong in
+    /// either direction, but must be positive wherever [`scatter_bound`](Self::scatter_bound) is, which is the default. Worth
+    /// overriding where something cheaper will do.
+    fn scatter_importance(&self, toward: &Toward) -> f32 {
+        self.scatter_bound(toward)
+    }
 }
 
 impl<T: Receiver + ?Sized> Receiver for &T {
@@ -43,6 +50,9 @@ impl<T: Receiver + ?Sized> Receiver for &T {
     }
     fn scatter_bound(&self, toward: &Toward) -> f32 {
         (**self).scatter_bound(toward)
+    }
+    fn scatter_importance(&self, toward: &Toward) -> f32 {
+        (**self).scatter_importance(toward)
     }
 }
 
@@ -73,6 +83,12 @@ impl Receiver for LambertReceiver {
     #[inline]
     fn scatter_bound(&self, toward: &Toward) -> f32 {
         self.albedo * FRAC_1_PI * toward.max_cos(self.normal).max(0.0)
+    }
+    #[inline]
+    fn scatter_importance(&self, toward: &Toward) -> f32 {
+        // The smallest positive cosine must stay positive in f32.
+        let cos = toward.rough_max_cos(self.normal.as_dvec3());
+        if cos > 0.0 { self.albedo * FRAC_1_PI * (cos as f32).max(f32::MIN_POSITIVE) } else { 0.0 }
     }
 }
 

@@ -189,7 +189,8 @@ impl Decisions {
 /// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor` (at most 2^31) and at
 /// least 1 away from certain, and `floor` away from impossible. NaN counts as 1/2.
 pub fn quantized(probability: f64, floor: u32) -> u32 {
-    let scaled = if probability.is_nan() { 2_147_483_648.0 } else { (probability * TWO_POW_32).round() };
+    // Adding 1/2 and cutting off is what rounding is for what is not negative; casts saturate.
+    let scaled = if probability.is_nan() { 2_147_483_648.0 } else { probability * TWO_POW_32 + 0.5 };
     (scaled as u32).clamp(floor, u32::MAX - floor.saturating_sub(1))
 }
 

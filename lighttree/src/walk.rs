@@ -4,7 +4,7 @@
 //! Conty Estévez and Kulla 2018; Yuksel, "Stochastic Lightcuts", 2019; Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.2.
 //!
 //! Differs from them:
-//! - The reflectance bound is the receiver's own, not only a cosine, and emission counts.
+//! - The reflectance is the receiver's own ([`Receiver::scatter_importance`]), not only a cosine, and emission counts.
 //! - All in f64, so that no product over- or underflows, whatever the scale. Squared distances are at least (2^-20 of the root's
 //!   diagonal)², so that lights at the receiver leave no 0/0.
 //! - While both children may contribute, neither is less probable than 2^-16: whatever the weights get wrong costs
@@ -208,7 +208,7 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
     /// Which of two adjacent children, and how probable.
     #[inline]
     fn first_of_two(&self, first: u32, receiver: &(impl Receiver + ?Sized)) -> Pair {
-        let terms = |child| BoundTerms::new(&self.tree.bounds(NodeId(child)), receiver);
+        let terms = |child| BoundTerms::importance(&self.tree.bounds(NodeId(child)), receiver);
         let (a, b) = (terms(first), terms(first + 1));
         match (a.strength > 0.0, b.strength > 0.0) {
             (false, false) => Pair::Dead,
@@ -223,8 +223,9 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
 
     /// Weights of more than two children, none of them smaller than 2^-16 of all unless it is 0.
     fn weights_of_many(&self, children: Range<u32>, receiver: &(impl Receiver + ?Sized)) -> Vec<f64> {
-        let terms: Vec<_> =
-            children.map(|child| BoundTerms::new(&self.tree.bounds(NodeId(child)), receiver)).collect();
+        let terms: Vec<_> = children
+            .map(|child| BoundTerms::importance(&self.tree.bounds(NodeId(child)), receiver))
+            .collect();
         // Against all others together, each as if it were the first of two.
         let versus = |a: &BoundTerms, b: &BoundTerms| {
             let p = self.choice.first_probability(a, b, self.least_distance_squared).clamp(1e-9, 1.0 - 1e-9);

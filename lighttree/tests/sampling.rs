@@ -30,7 +30,8 @@ fn scattered(count: u32) -> Vec<LightBounds> {
     let mut point = move || Vec3::new(random.f32(), random.f32(), random.f32());
     let light = |i: u32| {
         let (center, aside, strength) = (point(), point(), point());
-        let position = if i % 3 == 0 { center } else { (4.0 * center).floor() * 0.25 + 0.02 * aside };
+        let position =
+            if i.is_multiple_of(3) { center } else { (4.0 * center).floor() * 0.25 + 0.02 * aside };
         LightBounds::point(position, 10.0f32.powf(2.0 * strength.x - 1.0))
     };
     (0..count).map(light).collect()
@@ -228,7 +229,7 @@ fn smallest_and_largest_random_number_stay_in_range() {
         let sample = sampler.sample(&receiver, &mut random).expect("all contribute");
         assert!(sample.pmf > 0.0 && sample.pmf == sampler.pmf(&receiver, sample.light));
         let ends = if first < 2 { tree.light_at(0) } else { tree.light_at((1 << 10) - 1) };
-        if first < 2 || first > u64::MAX - 2 {
+        if !(2..=u64::MAX - 2).contains(&first) {
             assert_eq!(sample.light, ends);
         }
     }
@@ -330,7 +331,9 @@ fn odd_normals_are_defined() {
 /// E19: a spot that straddles 90 degrees, and one without falloff, have importance wherever they shine.
 #[test]
 fn spots_have_importance_wherever_they_shine() {
-    for (inner_angle, outer_angle) in [(1.6, 1.6), (0.3, 1.7), (0.5, 0.5), (0.0, 0.01), (3.0, 3.141_592_7)] {
+    for (inner_angle, outer_angle) in
+        [(1.6, 1.6), (0.3, 1.7), (0.5, 0.5), (0.0, 0.01), (3.0, core::f32::consts::PI)]
+    {
         let spot = lighttree::SpotLight {
             position: Vec3::ZERO,
             axis: Vec3::Z,

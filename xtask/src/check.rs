@@ -9,9 +9,11 @@ use crate::failure::Failure;
 /// Crates that others may take alone: they have to build with no feature, without their siblings' choices.
 const PUBLISHED: [&str; 2] = ["lighttree", "lighttree-lightcut"];
 
+type Check = fn() -> Result<(), Failure>;
+
 /// Runs all checks, the quick ones first. Goes on after a failure, so that one run shows everything.
 pub(crate) fn check() -> Result<(), Failure> {
-    let checks: [(&str, fn() -> Result<(), Failure>); 9] = [
+    let checks: [(&str, Check); 9] = [
         ("Cargo.lock is committed and fits", lock_file),
         ("one glam", one_glam),
         ("licences", || licences::check(&metadata()?)),

@@ -9,6 +9,8 @@ pub(crate) enum Failure {
     Usage(String),
     /// The call was right and the work failed: exit code 1.
     Failed(String),
+    /// The user ended the work before it was done: exit code 130, as a shell has it for SIGINT.
+    Interrupted(String),
 }
 
 impl Failure {
@@ -27,6 +29,7 @@ impl Failure {
         match self {
             Self::Usage(_) => 2,
             Self::Failed(_) => 1,
+            Self::Interrupted(_) => crate::stop::EXIT_CODE,
         }
     }
 }
@@ -34,7 +37,7 @@ impl Failure {
 impl fmt::Display for Failure {
     /// One line, whatever the text held: an error of another crate may bring its own line breaks.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Self::Usage(text) | Self::Failed(text)) = self;
+        let (Self::Usage(text) | Self::Failed(text) | Self::Interrupted(text)) = self;
         let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
         write!(f, "error: {line}")
     }

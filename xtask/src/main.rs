@@ -3,8 +3,21 @@
 mod bench;
 mod cargo;
 mod check;
+mod compare;
 mod failure;
+mod inspect;
+mod memory;
+mod methods;
+mod output;
+mod progress;
+mod render;
+mod report;
+mod settings;
+mod shot;
+mod source;
+mod stop;
 mod test;
+mod trees;
 
 use std::process::ExitCode;
 
@@ -21,6 +34,12 @@ struct Program {
 
 #[derive(Subcommand)]
 enum Subject {
+    /// Render one scene with one method: a picture as EXR and PNG, and what it took
+    Render(Box<render::RenderArgs>),
+    /// Compare methods on one scene, at equal time against one reference: a table, a page, pictures and data
+    Compare(Box<compare::CompareArgs>),
+    /// Say what a scene holds, and how light trees over it turn out
+    Inspect(inspect::InspectArgs),
     /// Measure how fast the crates are: criterion benchmarks, with curves under target/criterion
     Bench(bench::BenchArgs),
     /// Set up what the tests need and run all of them, examples and documentation included
@@ -50,6 +69,9 @@ fn main() -> ExitCode {
 
 fn run(command: &Subject) -> Result<(), Failure> {
     match command {
+        Subject::Render(args) => render::render(args),
+        Subject::Compare(args) => compare::compare(args),
+        Subject::Inspect(args) => inspect::inspect(args),
         Subject::Bench(args) => bench::bench(args),
         Subject::Test(args) => test::test(args),
         Subject::Check => check::check(),

@@ -1,0 +1,234 @@
+//! The methods of direct lighting that a user may choose between, and their dials.
+
+mod lightcut;
+
+pub(crate) use lightcut::{LightcutMethod, representatives};
+
+use crate::failure::Failure;
+use crate::settings::{Key, Range};
+use crate::trees;
+
+/// A method of `--method`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Method {
+    Brute,
+    Uniform,
+    Power,
+    Tree,
+    Lightcut,
+    Path,
+}
+
+/// What a person has to know of a method to choose it.
+pub(crate) struct About {
+    /// As in `--method NAME`.
+    pub(crate) name: &'static str,
+    /// One sentence.
+    pub(crate) what: &'static str,
+    /// Dials of its own.
+    pub(crate) keys: &'static [Key],
+    /// Camera samples per pixel unless `--spp` says otherwise.
+    pub(crate) spp: u32,
+}
+
+/// Dials that every method has.
+pub(crate) const COMMON: [Key; 4] = [
+    Key {
+        name: "camera",
+        default: "first",
+        range: Range::Words("the name of one of the scene's cameras, or `first`"),
+        trades: "where the picture is taken from",
+    },
+    Key {
+        name: "materials",
+        default: "gltf",
+        range: Range::Words("gltf, diffuse or phong:EXPONENT"),
+        trades: "gltf is the file's own look; diffuse makes every surface Lambert; phong:150 adds a lobe of that exponent",
+    },
+    Key {
+        name: "clamp",
+        default: "inf",
+        range: Range::Number(0.0, f32::INFINITY),
+        trades: "with --gi vpl, the largest geometry term cos·cos/d² of a virtual light, per squared length unit of the scene: less of the bright blotches near surfaces, for light lost in corners",
+    },
+    Key {
+        name: "exposure",
+        default: "auto",
+        range: Range::WordOrNumber("auto", -30.0, 30.0),
+        trades: "stops by which the PNG is brightened (each doubles it); the EXR never changes",
+    },
+];
+
+const LIGHTS: Key = Key {
+    name: "lights",
+    default: "1",
+    range: Range::Whole(1, 4096),
+    trades: "light samples per camera sample: less noise per camera ray, for as many more shadow rays",
+};
+
+const LIGHTCUT_KEYS: [Key; 5] = [
+    Key {
+        name: "threshold",
+        default: "0.02",
+        range: Range::Number(0.0, 1.0),
+        trades: "tolerated error of each cluster as a share of the point's light: half of it about doubles the cut and the time",
+    },
+    Key {
+        name: "max_nodes",
+        default: "1000",
+        range: Range::Whole(1, 1_000_000_000),
+        trades: "most clusters per point: bounds the time where shadows keep a cut refining, and then the error is not bounded",
+    },
+    Key {
+        name: "floor",
+        default: "0",
+        range: Range::Number(0.0, f32::MAX),
+        trades: "radiance below which errors are not chased, W/m2/sr: saves time in black places, for error there",
+    },
+    Key {
+        name: "shadow_floor",
+        default: "0",
+        range: Range::Number(0.0, 1.0),
+        trades: "as `floor`, as a share of what the point would get without shadows; 0.05 saves much time in full shadow",
+    },
+    trees::BUILDER,
+];
+
+const ABOUT: [(Method, About); 6] = [
+    (
+        Method::Brute,
+        About {
+            name: "brute",
+            what: "Every light at every point: exact but for area lights' own noise, and the reference.",
+            keys: &[],
+            spp: 1,
+        },
+    ),
+    (
+        Method::Uniform,
+        About {
+            name: "uniform",
+            what: "Lights drawn at random, all alike: the floor to compare with.",
+            keys: &[LIGHTS],
+            spp: 16,
+        },
+    ),
+    (
+        Method::Power,
+        About {
+            name: "power",
+            what: "Lights drawn in proportion to their power, wherever they are.",
+            keys: &[LIGHTS],
+            spp: 16,
+        },
+    ),
+    (
+        Method::Tree,
+        About {
+            name: "tree",
+            what: "Lights drawn by one walk down a light tree, towards what is near, bright and turned this way (Conty and Kulla 2018).",
+            keys: &[LIGHTS, trees::BUILDER],
+            spp: 16,
+        },
+    ),
+    (
+        Method::Lightcut,
+        About {
+            name: "lightcut",
+            what: "Clusters of lights refined until each one's error is below a threshold: no noise, sublinear time (Walter et al. 2005).",
+            keys: &LIGHTCUT_KEYS,
+            spp: 4,
+        },
+    ),
+    (
+        Method::Path,
+        About {
+            name: "path",
+            what: "Path tracing: each bounce samples one light down a light tree, with multiple importance sampling; the reference for --gi path.",
+            keys: &[trees::BUILDER],
+            spp: 64,
+        },
+    ),
+];
+
+/// Of the names that scripts may know, those that this version does not build.
+const ELSEWHERE: [&str; 11] = [
+    "split",
+    "cut",
+    "shared-cut",
+    "ris",
+    "cut-cdf",
+    "cut-cdf-vis",
+    "recon",
+    "cutinterp",
+    "cutinterp-vis",
+    "gather",
+    "photoncut",
+];
+
+impl Method {
+    /// The method of that name.
+    ///
+    /// # Errors
+    /// A usage error that says which there are.
+    pub(crate) fn named(name: &str) -> Result<Self, Failure> {
+        if let Some((method, _)) = ABOUT.iter().find(|(_, about)| about.name == name) {
+            return Ok(*method);
+        }
+        let names = ABOUT.iter().map(|(_, about)| about.name).collect::<Vec<_>>().join(", ");
+        let why = if ELSEWHERE.contains(&name) { "is not in this version" } else { "is unknown" };
+        Err(Failure::usage(format!("method `{name}` {why}: there are {names}")))
+    }
+
+    /// What a person has to know of it.
+    pub(crate) fn about(self) -> &'static About {
+        let (_, about) =
+            ABOUT.iter().find(|(method, _)| *method == self).expect("every method is in the table");
+        about
+    }
+
+    /// Its own dials and those of every method.
+    pub(crate) fn keys(self) -> Vec<Key> {
+        self.about().keys.iter().chain(&COMMON).copied().collect()
+    }
+}
+
+/// What `--help-methods` prints.
+pub(crate) fn help() -> String {
+    let mut text = String::from("Methods, and the keys that `--set KEY=VALUE` turns:\n");
+    for (_, about) in &ABOUT {
+        text += &format!("\n{}\n    {} Default: --spp {}.\n", about.name, about.what, about.spp);
+        about.keys.iter().for_each(|key| text += &describe(key));
+    }
+    text += "\nevery method\n";
+    COMMON.iter().for_each(|key| text += &describe(key));
+    text
+}
+
+fn describe(key: &Key) -> String {
+    format!("    {}={}    {}\n        {}\n", key.name, key.default, key.range, key.trades)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ABOUT, ELSEWHERE, Method};
+    use crate::settings::Settings;
+
+    #[test]
+    fn every_default_is_in_its_range() {
+        for (method, _) in ABOUT {
+            let keys = method.keys();
+            let defaults: Vec<_> = keys.iter().map(|key| format!("{}={}", key.name, key.default)).collect();
+            Settings::parse("x", &keys, &defaults).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_missing_method_says_which_exist() {
+        for name in ELSEWHERE {
+            let line = Method::named(name).unwrap_err().to_string();
+            assert!(line.contains("not in this version") && line.contains("lightcut"), "{line}");
+        }
+        assert!(Method::named("nonsense").unwrap_err().to_string().contains("is unknown"));
+    }
+}

@@ -1,0 +1,252 @@
+//! `cargo xtask render`: one scene, one method, one picture.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::ValueEnum;
+use scene::{Film, RenderParams, SceneRays};
+
+use crate::failure::Failure;
+use crate::methods::{self, Method};
+use crate::progress::Watched;
+use crate::report::{self, Report, Seconds};
+use crate::settings::Settings;
+use crate::shot::{Gi, Plan, Stage};
+use crate::{memory, output, source, stop};
+
+/// What to render, and how.
+#[derive(clap::Args)]
+pub(crate) struct RenderArgs {
+    /// A .glb or .gltf file, or a built-in scene with an optional number of lights: hall:10000, cornell, city:100000,
+    /// glossy:1000, wall:1000000
+    #[arg(default_value = source::DEFAULT_SCENE)]
+    scene: String,
+
+    /// How direct light is found; --help-methods describes each
+    #[arg(long, short, value_name = "M", default_value = "lightcut")]
+    method: String,
+
+    /// Turn a dial of the method, of the materials or of the camera, as often as you like; --help-methods lists them
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+
+    /// Camera samples per pixel; each method has its own default
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    spp: Option<u32>,
+
+    #[command(flatten)]
+    look: LookArgs,
+
+    /// Where to render: this version renders on the cpu alone
+    #[arg(long, value_name = "WHERE", default_value = "cpu")]
+    device: Device,
+
+    /// Frames of an animation: this version renders one
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    frames: u32,
+
+    /// A picture of the same size to take the error against
+    #[arg(long, value_name = "FILE.exr")]
+    reference: Option<PathBuf>,
+
+    /// Render only N pixels, drawn by the seed, and leave the rest black; errors are taken over those alone
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pixels: Option<u32>,
+
+    /// Where the picture goes; a PNG goes beside it
+    #[arg(long, short, value_name = "FILE.exr", default_value = "render.exr")]
+    output: PathBuf,
+
+    /// Print one JSON object as the last line of standard output
+    #[arg(long)]
+    json: bool,
+
+    /// List the methods and their dials, and end
+    #[arg(long)]
+    help_methods: bool,
+}
+
+/// What a picture looks like, whatever the method.
+#[derive(clap::Args)]
+pub(crate) struct LookArgs {
+    /// Light beyond the direct one: none, as virtual point lights, or by path tracing [default: none; path for --method path]
+    #[arg(long, value_name = "HOW")]
+    pub(crate) gi: Option<GiKind>,
+
+    /// Virtual point lights for --gi vpl, about
+    #[arg(long, value_name = "N", default_value_t = 100_000, value_parser = clap::value_parser!(u32).range(1..=20_000_000))]
+    pub(crate) vpls: u32,
+
+    /// Indirect bounces for --gi vpl and --gi path
+    #[arg(long, value_name = "B", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub(crate) bounces: u32,
+
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = "960x540", value_parser = size)]
+    pub(crate) size: (u32, u32),
+
+    /// Seed of every random number: the same seed gives the same picture, bit for bit
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u32,
+
+    /// Threads; 0 takes as many as there are processors
+    #[arg(long, value_name = "T", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub(crate) threads: u32,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum GiKind {
+    None,
+    Vpl,
+    Path,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Device {
+    Cpu,
+    Gpu,
+}
+
+/// Reads `WIDTHxHEIGHT`.
+pub(crate) fn size(text: &str) -> Result<(u32, u32), String> {
+    let parts = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match parts {
+        Some((width @ 1..=65_536, height @ 1..=65_536)) => Ok((width, height)),
+        _ => Err("write WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 960x540".to_owned()),
+    }
+}
+
+/// Renders one picture and says what it took.
+pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
+    if args.help_methods {
+        print!("{}", methods::help());
+        return Ok(());
+    }
+
+    // Refuse what cannot work before any of the work is done.
+    let total = Instant::now();
+    let plan = plan(args)?;
+    let materials = source::material_mode(&plan.settings)?;
+    output::check(&args.output)?;
+    let reference =
+        args.reference.as_deref().map(|path| report::reference(path, args.look.size)).transpose()?;
+    stop::listen()?;
+    use_threads(args.look.threads)?;
+
+    // Set the stage.
+    let (scene, load_seconds) = source::load(&args.scene, materials)?;
+    let camera = source::camera(&scene, &plan.settings)?;
+    let start = Instant::now();
+    let rays =
+        SceneRays::build(&scene).map_err(|error| Failure::failed(format!("{}: {error}", scene.name)))?;
+    let build_rays = start.elapsed().as_secs_f64();
+    let stage = Stage { scene: &scene, rays: &rays, camera: &camera };
+    let prepared = stage.prepare(&plan)?;
+
+    // Take the picture.
+    let params = params(args, plan.method);
+    let start = Instant::now();
+    let rendered = {
+        let watched = Watched::new(plan.method.about().name);
+        stage.render(&plan, &prepared, &params, &watched)?
+    };
+    let render_seconds = start.elapsed().as_secs_f64();
+    let error = reference.as_ref().map(|reference| report::errors(&rendered, reference)).transpose()?;
+
+    // Write it.
+    let exposure = exposure(&plan.settings, &rendered.film);
+    let png = output::picture(&args.output, &rendered.film, exposure)?;
+    let seconds = Seconds {
+        load: load_seconds,
+        build_rays,
+        build_lights: prepared.seconds,
+        render: render_seconds,
+        total: total.elapsed().as_secs_f64(),
+    };
+    let report = Report {
+        method: plan.method.about().name,
+        scene: &scene,
+        vpls: prepared.vpls,
+        params: &params,
+        seed: plan.seed,
+        threads: rayon::current_num_threads(),
+        seconds,
+        counts: &rendered.counts,
+        light_tree_bytes: prepared.bytes(),
+        rays_bytes: rays.bytes(),
+        peak_rss: memory::peak_resident(),
+        error,
+        output: &args.output,
+    };
+    eprint!("{}", report.for_people());
+    eprintln!("wrote {} and {} (exposure {exposure:+.2} stops)", args.output.display(), png.display());
+    if args.json {
+        println!("{}", report.json());
+    }
+    if rendered.cut_short {
+        return Err(Failure::Interrupted(format!(
+            "{}: cut short; what was finished is written, the rest is black",
+            args.output.display()
+        )));
+    }
+    Ok(())
+}
+
+/// Everything that decides what the picture looks like, checked.
+fn plan(args: &RenderArgs) -> Result<Plan, Failure> {
+    if args.device == Device::Gpu {
+        return Err(Failure::usage("--device gpu: this version renders on the cpu; leave the option out"));
+    }
+    if args.frames != 1 {
+        return Err(Failure::usage(format!(
+            "--frames {}: this version renders one picture, and no method keeps anything from frame to frame; leave the option out",
+            args.frames
+        )));
+    }
+    let method = Method::named(&args.method)?;
+    let settings = Settings::parse(&format!("method `{}`", args.method), &method.keys(), &args.set)?;
+    args.look.plan(method, settings)
+}
+
+impl LookArgs {
+    /// The plan of one method with this look.
+    ///
+    /// # Errors
+    /// A usage error for a method that does not go with this light.
+    pub(crate) fn plan(&self, method: Method, settings: Settings) -> Result<Plan, Failure> {
+        let gi = match (self.gi, method) {
+            (Some(GiKind::Vpl), Method::Path) => {
+                let line = "method `path` with --gi vpl: a path tracer finds indirect light itself; use --gi path, or another method";
+                return Err(Failure::usage(line));
+            }
+            (Some(GiKind::Vpl), _) => Gi::Vpl(self.vpls as usize),
+            (Some(GiKind::Path), _) | (None, Method::Path) => Gi::Path,
+            (Some(GiKind::None) | None, _) => Gi::None,
+        };
+        Ok(Plan { method, settings, gi, bounces: self.bounces, seed: self.seed })
+    }
+}
+
+fn params(args: &RenderArgs, method: Method) -> RenderParams {
+    let (width, height) = args.look.size;
+    RenderParams {
+        width,
+        height,
+        spp: args.spp.unwrap_or(method.about().spp),
+        first_sample: 0,
+        threads: args.look.threads as usize,
+        pixels: args.pixels.map(|n| n as usize),
+    }
+}
+
+/// Builders use the global pool; it gets as many threads as the renderer.
+pub(crate) fn use_threads(threads: u32) -> Result<(), Failure> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize);
+    pool.build_global()
+        .map_err(|error| Failure::failed(format!("--threads {threads}: {error}; ask for fewer")))
+}
+
+/// Stops by which the PNG is brightened.
+pub(crate) fn exposure(settings: &Settings, film: &Film) -> f32 {
+    settings.number("exposure").unwrap_or_else(|| scene::auto_exposure(film))
+}

@@ -1,0 +1,212 @@
+//! One picture: method, light tree, virtual lights and global illumination put together.
+
+use std::borrow::Cow;
+use std::time::Instant;
+
+use lightcut::{LightcutParams, Representatives};
+use lighttree::{LightSampler, PowerSampler, TreeSampler, UniformSampler};
+use scene::{
+    BruteForce, Camera, DirectLighting, Frame, IndirectLighting, Light, NoDirect, NoIndirect, PathTracer,
+    Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, WalkReport,
+};
+
+use crate::failure::Failure;
+use crate::methods::{LightcutMethod, Method, representatives};
+use crate::settings::Settings;
+use crate::trees::{self, Tree};
+
+/// Light beyond the direct one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Gi {
+    /// None.
+    None,
+    /// As virtual point lights: about this many.
+    Vpl(usize),
+    /// By path tracing.
+    Path,
+}
+
+/// Everything that decides what a picture looks like, but for the scene, the camera and the size.
+#[derive(Clone, Debug)]
+pub(crate) struct Plan {
+    /// Of direct light.
+    pub(crate) method: Method,
+    /// The method's dials.
+    pub(crate) settings: Settings,
+    /// Of indirect light.
+    pub(crate) gi: Gi,
+    /// Indirect bounces.
+    pub(crate) bounces: u32,
+    /// Of every random number.
+    pub(crate) seed: u32,
+}
+
+/// What a picture is taken of.
+#[derive(Clone, Copy)]
+pub(crate) struct Stage<'a> {
+    /// Geometry, materials, lights.
+    pub(crate) scene: &'a Scene,
+    /// Rays against it.
+    pub(crate) rays: &'a SceneRays,
+    /// Where from.
+    pub(crate) camera: &'a Camera,
+}
+
+/// What a plan needs beside the scene, made once for any number of pictures.
+pub(crate) struct Prepared<'a> {
+    lights: Cow<'a, [Light]>,
+    /// For methods that walk one, and for the bounces of paths.
+    tree: Option<Tree>,
+    tool: Tool,
+    /// Virtual lights among the lights.
+    pub(crate) vpls: usize,
+    /// Seconds that all of it took.
+    pub(crate) seconds: f64,
+}
+
+/// What a method has beside the tree.
+enum Tool {
+    Nothing,
+    Uniform(UniformSampler),
+    Power(PowerSampler),
+    Representatives(Representatives),
+}
+
+impl Prepared<'_> {
+    /// Bytes of the light tree, with what the method keeps per node.
+    pub(crate) fn bytes(&self) -> usize {
+        let beside = match &self.tool {
+            Tool::Representatives(representatives) => representatives.bytes(),
+            Tool::Nothing | Tool::Uniform(_) | Tool::Power(_) => 0,
+        };
+        self.tree.as_ref().map_or(0, Tree::bytes) + beside
+    }
+}
+
+impl<'a> Stage<'a> {
+    /// Traces virtual lights and builds the method's tree.
+    ///
+    /// # Errors
+    /// The light that the tree refuses, named by the scene and its index.
+    pub(crate) fn prepare(&self, plan: &Plan) -> Result<Prepared<'a>, Failure> {
+        let start = Instant::now();
+        let name = &self.scene.name;
+        let mut lights = Cow::Borrowed(&self.scene.lights[..]);
+        let mut vpls = 0;
+        if let Gi::Vpl(count) = plan.gi {
+            let (made, report) = scene::virtual_lights(&self.frame(plan, &lights), count, plan.bounces);
+            vpls = made.len();
+            say_what_was_lost(&report);
+            lights = Cow::Owned([&self.scene.lights[..], &made].concat());
+        }
+        let needs_tree =
+            matches!(plan.method, Method::Tree | Method::Lightcut | Method::Path) || plan.gi == Gi::Path;
+        let build = || {
+            let builder = plan.settings.find("builder").unwrap_or(trees::BUILDER.default);
+            Tree::build(builder, &lights)
+                .map_err(|error| Failure::failed(format!("{name}: no light tree: {error}")))
+        };
+        let tree = needs_tree.then(build).transpose()?;
+        let refuse =
+            |error: &dyn std::fmt::Display| Failure::failed(format!("{name}: {error}; mend it in the file"));
+        let tool = match (plan.method, &tree) {
+            (Method::Uniform, _) => Tool::Uniform(UniformSampler { count: lights.len() as u32 }),
+            (Method::Power, _) => Tool::Power(PowerSampler::new(&lights).map_err(|error| refuse(&error))?),
+            (Method::Lightcut, Some(tree)) => {
+                let chosen = representatives(tree, &lights, plan.seed).map_err(|error| refuse(&error))?;
+                Tool::Representatives(chosen)
+            }
+            _ => Tool::Nothing,
+        };
+        Ok(Prepared { lights, tree, tool, vpls, seconds: start.elapsed().as_secs_f64() })
+    }
+
+    /// Takes one picture.
+    ///
+    /// # Errors
+    /// If it has no pixels, or the threads cannot be started.
+    pub(crate) fn render(
+        &self,
+        plan: &Plan,
+        prepared: &Prepared<'_>,
+        params: &RenderParams,
+        progress: &impl Progress,
+    ) -> Result<Rendered, Failure> {
+        let shot = Shot { stage: self, plan, prepared, params, progress };
+        match (&prepared.tool, &prepared.tree) {
+            (Tool::Uniform(sampler), _) => shot.sampled(sampler),
+            (Tool::Power(sampler), _) => shot.sampled(sampler),
+            (Tool::Representatives(representatives), Some(tree)) => {
+                let params = lightcut_params(&plan.settings);
+                shot.direct(&LightcutMethod { tree, representatives, params })
+            }
+            (_, Some(tree)) if plan.method == Method::Tree => shot.sampled(TreeSampler::new(tree)),
+            _ if plan.method == Method::Path => shot.direct(&NoDirect),
+            _ => shot.direct(&BruteForce),
+        }
+    }
+
+    fn frame<'f>(&'f self, plan: &Plan, lights: &'f [Light]) -> Frame<'f, SceneRays> {
+        let vpl_clamp = plan.settings.number("clamp").unwrap_or(f32::INFINITY);
+        Frame { vpl_clamp, ..Frame::new(self.scene, self.rays, lights, plan.seed) }
+    }
+}
+
+/// One call of the renderer; its types depend on the method.
+struct Shot<'a, P> {
+    stage: &'a Stage<'a>,
+    plan: &'a Plan,
+    prepared: &'a Prepared<'a>,
+    params: &'a RenderParams,
+    progress: &'a P,
+}
+
+impl<P: Progress> Shot<'_, P> {
+    fn sampled(&self, sampler: impl LightSampler<ShadingPoint> + Sync) -> Result<Rendered, Failure> {
+        self.direct(&Sampled { sampler, samples: self.plan.settings.whole("lights") })
+    }
+
+    fn direct(&self, direct: &impl DirectLighting<SceneRays>) -> Result<Rendered, Failure> {
+        let of_paths = self.plan.method == Method::Path;
+        match &self.prepared.tree {
+            Some(tree) if of_paths || self.plan.gi == Gi::Path => {
+                let bounces = if self.plan.gi == Gi::Path { self.plan.bounces } else { 0 };
+                let sampler = TreeSampler::new(tree);
+                self.take(direct, &PathTracer::new(&self.prepared.lights, sampler, bounces, of_paths))
+            }
+            _ => self.take(direct, &NoIndirect),
+        }
+    }
+
+    fn take(
+        &self,
+        direct: &impl DirectLighting<SceneRays>,
+        indirect: &impl IndirectLighting<SceneRays>,
+    ) -> Result<Rendered, Failure> {
+        let frame = self.stage.frame(self.plan, &self.prepared.lights);
+        scene::render(&frame, self.stage.camera, self.params, direct, indirect, self.progress)
+            .map_err(|error| Failure::usage(error.to_string()))
+    }
+}
+
+/// Virtual lights leave out what glossy lobes send on; a person who waits for them to agree with paths should know.
+fn say_what_was_lost(report: &WalkReport) {
+    if report.deposited_glossy > 0.0 {
+        eprintln!(
+            "note: {:.0} % of the light that paths bring arrives on glossy surfaces; virtual lights stand for its diffuse part alone",
+            100.0 * report.deposited_glossy / report.deposited
+        );
+    }
+}
+
+/// The dials of a lightcut; their ranges were checked when they were read.
+fn lightcut_params(settings: &Settings) -> LightcutParams {
+    let number = |key| settings.number(key).unwrap_or_default();
+    LightcutParams {
+        threshold: number("threshold"),
+        max_nodes: settings.whole("max_nodes"),
+        floor: number("floor"),
+        shadow_floor: number("shadow_floor"),
+        ..LightcutParams::paper()
+    }
+}

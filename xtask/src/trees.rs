@@ -1,0 +1,107 @@
+//! The light trees that a user may choose between, behind one type.
+
+use std::ops::Range;
+
+use lighttree::{
+    BuildError, BuildParams, Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, LightTree,
+    MortonBits, NodeId, PerfectTree,
+};
+
+use crate::settings::{Key, Range as KeyRange};
+
+/// Names of the builders, as `--set builder=` takes them.
+pub(crate) const BUILDERS: [&str; 4] = ["saoh", "median", "morton", "perfect"];
+
+/// The key that every method with a tree has.
+pub(crate) const BUILDER: Key = Key {
+    name: "builder",
+    default: "saoh",
+    range: KeyRange::OneOf(&BUILDERS),
+    trades: "how lights are clustered: saoh has the tightest clusters and the slowest build, then median and morton; perfect builds fastest and keeps no orientations",
+};
+
+/// A built light tree of either layout.
+pub(crate) enum Tree {
+    /// Nodes with cones.
+    Oriented(LightTree),
+    /// Without, over a Morton order.
+    Perfect(PerfectTree),
+}
+
+impl Tree {
+    /// Builds with the builder of that name.
+    ///
+    /// # Errors
+    /// The light that cannot be used.
+    ///
+    /// # Panics
+    /// For a name that is not in [`BUILDERS`].
+    pub(crate) fn build(builder: &str, lights: &[impl Emitter + Sync]) -> Result<Self, BuildError> {
+        let params = match builder {
+            "saoh" => BuildParams::saoh(),
+            "median" => BuildParams::median(),
+            "morton" => BuildParams::morton(),
+            "perfect" => return PerfectTree::build(lights, MortonBits::SixtyThree).map(Self::Perfect),
+            _ => panic!("`{builder}` is not a builder"),
+        };
+        LightTree::build(lights, &params).map(Self::Oriented)
+    }
+
+    /// Bytes held.
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::Oriented(tree) => tree.bytes(),
+            Self::Perfect(tree) => tree.bytes(),
+        }
+    }
+
+    /// Lights that were left out because they do not shine.
+    pub(crate) fn dropped(&self) -> usize {
+        match self {
+            Self::Oriented(tree) => tree.dropped(),
+            Self::Perfect(tree) => tree.dropped(),
+        }
+    }
+}
+
+macro_rules! either {
+    ($tree:expr, $inner:ident => $answer:expr) => {
+        match $tree {
+            Tree::Oriented($inner) => $answer,
+            Tree::Perfect($inner) => $answer,
+        }
+    };
+}
+
+impl Hierarchy for Tree {
+    fn root(&self) -> Option<NodeId> {
+        either!(self, tree => tree.root())
+    }
+    fn children(&self, node: NodeId) -> Range<u32> {
+        either!(self, tree => tree.children(node))
+    }
+}
+
+impl ItemRanges for Tree {
+    fn items(&self, node: NodeId) -> Range<u32> {
+        either!(self, tree => tree.items(node))
+    }
+}
+
+impl LightHierarchy for Tree {
+    fn bounds(&self, node: NodeId) -> LightBounds {
+        either!(self, tree => tree.bounds(node))
+    }
+    fn light_at(&self, slot: u32) -> LightId {
+        either!(self, tree => tree.light_at(slot))
+    }
+    fn slot_of(&self, light: LightId) -> Option<u32> {
+        either!(self, tree => tree.slot_of(light))
+    }
+    fn node_count(&self) -> usize {
+        either!(self, tree => tree.node_count())
+    }
+    fn node_index(&self, node: NodeId) -> usize {
+        either!(self, tree => tree.node_index(node))
+    }
+}

@@ -1,0 +1,368 @@
+//! The program as people and scripts call it: exit codes, error lines, JSON, files.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// Runs the program in a folder of its own.
+fn xtask(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("the program starts")
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// A picture of few pixels with the options given, whose JSON is returned.
+fn render(folder: &Path, arguments: &[&str]) -> Value {
+    let output = xtask(folder, &[&["render", "--size", "24x16", "--json"], arguments].concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let stdout = text(&output.stdout);
+    serde_json::from_str(stdout.lines().last().expect("a line")).expect("the last line is JSON")
+}
+
+/// Asserts that a call ends with `code` and one line of error that holds all `words`; nothing may be written.
+fn refuses(arguments: &[&str], code: i32, words: &[&str]) {
+    let folder = folder();
+    let output = xtask(folder.path(), arguments);
+    let stderr = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {stderr}");
+    let errors: Vec<_> = stderr.lines().filter(|line| line.starts_with("error: ")).collect();
+    let [line] = errors[..] else { panic!("{arguments:?}: not one error line: {stderr}") };
+    assert_eq!(stderr.lines().last(), Some(line), "{arguments:?}: the error is not the last line: {stderr}");
+    for word in words {
+        assert!(line.contains(word), "{arguments:?}: `{line}` lacks `{word}`");
+    }
+    assert!(!stderr.contains("panicked"), "{stderr}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "{arguments:?} left files");
+    assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
+}
+
+fn keys(object: &Value) -> Vec<&str> {
+    object.as_object().expect("an object").keys().map(String::as_str).collect()
+}
+
+#[test]
+fn json_has_every_key_that_scripts_read() {
+    let folder = folder();
+    let json = render(folder.path(), &["hall:50", "--method", "lightcut", "--spp", "1"]);
+    assert_eq!(
+        keys(&json),
+        [
+            "method",
+            "device",
+            "scene",
+            "triangles",
+            "lights",
+            "vpls",
+            "width",
+            "height",
+            "spp",
+            "seed",
+            "threads",
+            "seconds",
+            "counts",
+            "bytes",
+            "output"
+        ]
+    );
+    assert_eq!(keys(&json["seconds"]), ["load", "build_rays", "build_lights", "render", "total"]);
+    assert_eq!(
+        keys(&json["counts"]),
+        [
+            "shadow_rays",
+            "closest_hit_rays",
+            "light_evaluations",
+            "node_visits",
+            "cut_nodes_mean",
+            "cut_nodes_max",
+            "fallbacks",
+            "clamped",
+            "non_finite"
+        ]
+    );
+    assert_eq!(keys(&json["bytes"]), ["light_tree", "rays", "peak_rss"]);
+    assert_eq!(
+        (&json["method"], &json["device"], &json["scene"]),
+        (&"lightcut".into(), &"cpu".into(), &"hall:50".into())
+    );
+    assert_eq!(
+        (json["width"].as_u64(), json["height"].as_u64(), json["lights"].as_u64()),
+        (Some(24), Some(16), Some(50))
+    );
+    assert!(json["counts"]["cut_nodes_mean"].as_f64().unwrap() >= 1.0);
+    assert!(json["counts"]["closest_hit_rays"].as_u64().unwrap() >= 24 * 16);
+    assert_eq!(json["counts"]["non_finite"], 0);
+    assert!(json["bytes"]["peak_rss"].as_u64().is_none_or(|bytes| bytes > 1 << 20));
+    assert!(json["seconds"]["total"].as_f64().unwrap() >= json["seconds"]["render"].as_f64().unwrap());
+    assert!(folder.path().join("render.exr").is_file() && folder.path().join("render.png").is_file());
+}
+
+#[test]
+fn an_error_is_taken_against_a_reference() {
+    let folder = folder();
+    render(folder.path(), &["hall:50", "--method", "brute", "-o", "truth.exr"]);
+    let json = render(folder.path(), &["hall:50", "--method", "lightcut", "--reference", "truth.exr"]);
+    assert_eq!(keys(&json["error"]), ["mse", "relmse", "mape", "ssim", "flip"]);
+    let near = json["error"]["relmse"].as_f64().unwrap();
+    let json = render(
+        folder.path(),
+        &[
+            "hall:50",
+            "--method",
+            "lightcut",
+            "--set",
+            "max_nodes=1",
+            "--reference",
+            "truth.exr",
+            "-o",
+            "far.exr",
+        ],
+    );
+    let far = json["error"]["relmse"].as_f64().unwrap();
+    assert!(near < 0.01 && far > 10.0 * near, "lightcut {near}, one node {far}");
+    let json = render(
+        folder.path(),
+        &["hall:50", "--method", "brute", "--reference", "truth.exr", "-o", "same.exr"],
+    );
+    assert_eq!(json["error"]["mse"], 0.0);
+}
+
+#[test]
+fn every_method_draws_the_same_scene() {
+    let folder = folder();
+    render(folder.path(), &["hall:50", "--method", "brute", "--spp", "4", "-o", "truth.exr"]);
+    for method in ["uniform", "power", "tree", "lightcut", "path"] {
+        let json = render(
+            folder.path(),
+            &["hall:50", "--method", method, "--gi", "none", "--spp", "64", "--reference", "truth.exr"],
+        );
+        let error = json["error"]["relmse"].as_f64().unwrap();
+        assert!(error < 0.05, "{method}: relMSE {error}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_for_any_threads() {
+    let folder = folder();
+    let picture = |threads: &str, method: &str, seed: &str, name: &str| {
+        let arguments = ["hall:100", "--method", method, "--gi", "vpl", "--vpls", "200", "--spp", "2"];
+        render(
+            folder.path(),
+            &[&arguments[..], &["--threads", threads, "--seed", seed, "-o", name]].concat(),
+        );
+        std::fs::read(folder.path().join(name)).unwrap()
+    };
+    for method in ["tree", "lightcut"] {
+        let one = picture("1", method, "7", "one.exr");
+        assert_eq!(one, picture("2", method, "7", "two.exr"), "{method}");
+        assert_ne!(one, picture("2", method, "8", "other.exr"), "{method}: the seed changes nothing");
+    }
+}
+
+#[test]
+fn pixels_renders_only_so_many() {
+    let folder = folder();
+    let json = render(folder.path(), &["hall:50", "--method", "brute", "--pixels", "10", "--spp", "1"]);
+    let camera_rays = json["counts"]["closest_hit_rays"].as_u64().unwrap();
+    assert!((10..200).contains(&camera_rays), "{camera_rays} camera rays for 10 pixels");
+
+    // The error is that of those pixels alone: the rest is black, and would weigh if it counted.
+    render(folder.path(), &["hall:50", "--method", "brute", "-o", "truth.exr"]);
+    let json = render(
+        folder.path(),
+        &["hall:50", "--method", "brute", "--pixels", "10", "--reference", "truth.exr", "-o", "few.exr"],
+    );
+    assert!(json["error"]["relmse"].as_f64().unwrap() < 1e-6);
+    assert_eq!((&json["error"]["ssim"], &json["error"]["flip"]), (&Value::Null, &Value::Null));
+}
+
+#[test]
+fn bad_calls_exit_with_2_and_say_what_to_write() {
+    refuses(&["render", "--method", "nonsense"], 2, &["nonsense", "lightcut"]);
+    refuses(&["render", "--method", "cutinterp"], 2, &["cutinterp", "not in this version", "lightcut"]);
+    refuses(
+        &["render", "--method", "tree", "--set", "threshold=1"],
+        2,
+        &["tree", "threshold", "lights, builder"],
+    );
+    refuses(&["render", "--set", "threshold=abc"], 2, &["threshold", "from 0 to 1"]);
+    refuses(&["render", "--set", "threshold"], 2, &["KEY=VALUE"]);
+    refuses(&["render", "--set", "materials=gold"], 2, &["materials", "gltf"]);
+    refuses(&["render", "palace"], 2, &["palace", "hall"]);
+    refuses(&["render", "hall:0"], 2, &["hall", "0"]);
+    refuses(&["render", "hall:10", "--set", "camera=roof"], 2, &["roof", "no such camera"]);
+    refuses(&["render", "--size", "24"], 2, &["--size", "WIDTHxHEIGHT"]);
+    refuses(&["render", "--spp", "0"], 2, &["--spp"]);
+    refuses(&["render", "--frames", "2"], 2, &["--frames", "leave the option out"]);
+    refuses(&["render", "--device", "gpu"], 2, &["gpu", "leave the option out"]);
+    refuses(&["render", "-o", "picture.jpg"], 2, &["picture.jpg", ".exr"]);
+    refuses(&["render", "-o", "nowhere/picture.exr"], 2, &["nowhere", "make it first"]);
+    refuses(&["render", "--nonsense"], 2, &["--nonsense", "--help"]);
+    refuses(&["nonsense"], 2, &["nonsense", "--help"]);
+    refuses(&["compare", "hall:10"], 2, &["--output", "--help"]);
+    refuses(&["compare", "hall:10", "--methods", "tree,nonsense", "-o", "out"], 2, &["nonsense"]);
+    refuses(
+        &["compare", "hall:10", "--methods", "tree", "--set", "threshold=1", "-o", "out"],
+        2,
+        &["threshold"],
+    );
+    refuses(&["inspect"], 2, &["<SCENE>"]);
+}
+
+#[test]
+fn work_that_fails_exits_with_1_and_names_the_file() {
+    refuses(&["render", "missing.glb"], 1, &["missing.glb"]);
+    refuses(&["inspect", "missing.gltf"], 1, &["missing.gltf"]);
+    refuses(&["render", "hall:10", "--reference", "missing.exr"], 1, &["missing.exr"]);
+
+    let folder = folder();
+    let broken = folder.path().join("broken.glb");
+    std::fs::write(&broken, b"glTF\x02\0\0\0\xff\xff").unwrap();
+    refuses(&["render", broken.to_str().unwrap()], 1, &["broken.glb"]);
+    render(folder.path(), &["cornell", "--size", "8x8", "--spp", "1", "-o", "small.exr"]);
+    let small = folder.path().join("small.exr");
+    refuses(
+        &["render", "cornell", "--reference", small.to_str().unwrap()],
+        1,
+        &["small.exr", "8x8", "--size"],
+    );
+}
+
+#[test]
+fn nothing_half_written_is_left() {
+    let folder = folder();
+    let old = folder.path().join("render.exr");
+    std::fs::write(&old, "what was there").unwrap();
+    let broken = folder.path().join("broken.glb");
+    std::fs::write(&broken, "no").unwrap();
+    let output = xtask(folder.path(), &["render", "broken.glb"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(std::fs::read(&old).unwrap(), b"what was there");
+
+    render(folder.path(), &["cornell", "--method", "brute"]);
+    let mut names: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["broken.glb", "render.exr", "render.png"]);
+}
+
+/// Ctrl-C while a picture is under way: what is finished is written, and the exit code says that it is not all.
+#[cfg(unix)]
+#[test]
+fn an_interrupt_writes_what_is_finished() {
+    let folder = folder();
+    let child = Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args([
+            "render",
+            "hall:2000",
+            "--method",
+            "brute",
+            "--size",
+            "256x256",
+            "--spp",
+            "64",
+            "--threads",
+            "1",
+        ])
+        .current_dir(folder.path())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(std::time::Duration::from_secs(3));
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let stderr = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{stderr}");
+    assert!(stderr.lines().last().unwrap().contains("cut short"), "{stderr}");
+    assert!(folder.path().join("render.exr").is_file() && folder.path().join("render.png").is_file());
+}
+
+#[test]
+fn compare_makes_its_files() {
+    let folder = folder();
+    let output = xtask(
+        folder.path(),
+        &[
+            "compare",
+            "hall:50",
+            "--size",
+            "24x16",
+            "--methods",
+            "tree,lightcut",
+            "--seconds-per-method",
+            "0.2",
+            "--reference-seconds",
+            "0.5",
+            "-o",
+            "out",
+        ],
+    );
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let files = [
+        "index.html",
+        "data.json",
+        "data.csv",
+        "reference.exr",
+        "reference.png",
+        "tree.exr",
+        "tree.png",
+        "lightcut.png",
+    ];
+    for file in files {
+        assert!(folder.path().join("out").join(file).is_file(), "{file}");
+    }
+    let read = |name: &str| std::fs::read_to_string(folder.path().join("out").join(name)).unwrap();
+    let data: Value = serde_json::from_str(&read("data.json")).unwrap();
+    assert_eq!(data["methods"].as_array().unwrap().len(), 2);
+    assert!(data["reference"]["made"]["noise"]["relmse"].is_number());
+    assert_eq!(read("data.csv").lines().count(), 3);
+    let table = text(&output.stdout);
+    assert!(table.contains("tree") && table.contains("lightcut") && table.contains("relMSE"));
+}
+
+#[test]
+fn inspect_counts_what_is_there() {
+    let folder = folder();
+    let output = xtask(folder.path(), &["inspect", "hall:50", "--json"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let json: Value = serde_json::from_str(text(&output.stdout).lines().last().unwrap()).unwrap();
+    assert_eq!(json["lights"]["total"], 50);
+    assert!(json["triangles"].as_u64().unwrap() > 100);
+    assert!(json["trees"].as_array().unwrap().len() >= 4);
+    assert!(xtask(folder.path(), &["inspect", "cornell"]).status.success());
+}
+
+#[test]
+fn help_is_there_for_people() {
+    let folder = folder();
+    for arguments in [&["--help"][..], &["render", "--help"], &["render", "--help-methods"]] {
+        let output = xtask(folder.path(), arguments);
+        assert!(output.status.success() && text(&output.stdout).lines().count() > 5, "{arguments:?}");
+    }
+}
+
+/// Real scenes lie outside the project; without them this test says that it skips.
+#[test]
+fn a_real_file_renders() {
+    let scenes = std::env::var_os("LIGHTTREE_SCENES")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/scenes"), PathBuf::from);
+    let file = scenes.join("cornell-box.glb");
+    if !file.is_file() {
+        eprintln!("skipped: no {}", file.display());
+        return;
+    }
+    let folder = folder();
+    let json = render(folder.path(), &[file.to_str().unwrap(), "--method", "path", "--spp", "2"]);
+    assert_eq!((json["triangles"].as_u64(), json["lights"].as_u64()), (Some(38), Some(2)));
+}

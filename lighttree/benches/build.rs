@@ -30,7 +30,9 @@ fn time<R>(n: u32, mut f: impl FnMut() -> R) -> f64 {
 fn main() {
     for count in [100_000u32, 1_000_000] {
         let l = lights(count, 1);
-        for p in [BuildParams::saoh(), BuildParams::median(), BuildParams::morton()] {
+        for p in
+            [BuildParams::agglomerative(), BuildParams::saoh(), BuildParams::median(), BuildParams::morton()]
+        {
             let t = time(3, || LightTree::build(&l, &p).unwrap());
             println!("{count} {:?} {:.1} ms {:.2} M/s", p.method, t * 1e3, count as f64 / t / 1e6);
         }

@@ -1,5 +1,6 @@
 //! Builders: what they are asked for, what they refuse, and the parts that all of them share.
 
+mod cluster;
 pub(crate) mod emit;
 mod median;
 pub(crate) mod morton;
@@ -19,6 +20,9 @@ pub enum BuildMethod {
     /// Binned surface-area-orientation heuristic: Conty Estévez and Kulla, "Importance Sampling of Many Lights with
     /// Adaptive Tree Splitting", 2018.
     Saoh,
+    /// Greedy clustering, nearest first: Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, in the way of
+    /// Walter et al., "Fast Agglomerative Clustering for Rendering", 2008.
+    Agglomerative,
     /// Balanced over the lights' Morton order: the clusters of Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020,
     /// with cones.
     Morton,
@@ -56,6 +60,11 @@ impl BuildParams {
     /// Surface-area-orientation heuristic with 16 bins: tight clusters in position and direction. The default.
     pub const fn saoh() -> Self {
         Self { method: BuildMethod::Saoh, ..Self::median() }
+    }
+
+    /// Greedy agglomerative clustering: the tightest small clusters, the slowest to build.
+    pub const fn agglomerative() -> Self {
+        Self { method: BuildMethod::Agglomerative, ..Self::median() }
     }
 
     /// Morton order: fastest to build, the loosest clusters.
@@ -157,15 +166,19 @@ impl LightTree {
         let max_leaf = params.max_leaf as usize;
         Ok(match params.method {
             BuildMethod::Median => {
-                emit::top_down(lights, &survey, max_leaf, median::items(lights), &median::Median)
+                emit::top_down(lights, &survey, max_leaf, median::items(lights), &median::Median, ())
             }
             BuildMethod::Saoh => {
                 let splitter = saoh::Saoh { bins: params.bins as usize };
-                emit::top_down(lights, &survey, max_leaf, saoh::items(lights), &splitter)
+                emit::top_down(lights, &survey, max_leaf, saoh::items(lights), &splitter, ())
+            }
+            BuildMethod::Agglomerative => {
+                let (places, unions) = cluster::cluster(lights, &survey);
+                emit::top_down(lights, &survey, max_leaf, places, &unions, unions.root())
             }
             BuildMethod::Morton => {
                 let order = morton::order(lights, &survey, params.morton_bits);
-                emit::top_down(lights, &survey, max_leaf, order, &morton::Balanced)
+                emit::top_down(lights, &survey, max_leaf, order, &morton::Balanced, ())
             }
         })
     }

@@ -63,7 +63,9 @@ fn walk(tree: &impl LightHierarchy, lights: &[LightBounds]) {
 fn walks() {
     for count in [0, 1, 2, 3, 4, 5, 7, 8, 9, 63, 64, 65, 1000] {
         let lights = lights(count, count);
-        for params in [BuildParams::median(), BuildParams::saoh(), BuildParams::morton()] {
+        for params in
+            [BuildParams::median(), BuildParams::saoh(), BuildParams::agglomerative(), BuildParams::morton()]
+        {
             for max_leaf in [1, 3] {
                 walk(&LightTree::build(&lights, &BuildParams { max_leaf, ..params }).unwrap(), &lights);
             }

@@ -24,9 +24,21 @@ pub(crate) trait Item: Send {
 /// Splits a set of lights in two.
 pub(crate) trait Splitter: Sync {
     type Item: Item;
+    /// What the splitter itself wants to know of a node.
+    type Node: Copy + Send + Sync;
 
-    /// Reorders the items, two or more, so that the left child's come first; their number, neither none nor all.
-    fn split(&self, items: &mut [Self::Item]) -> usize;
+    /// Reorders the items, two or more, so that the left child's come first: their number, neither none nor
+    /// all, and the two children.
+    fn split(&self, items: &mut [Self::Item], node: Self::Node) -> (usize, Self::Node, Self::Node);
+}
+
+/// Where a node is.
+#[derive(Clone, Copy)]
+struct Place {
+    first_item: u32,
+    depth: u32,
+    /// Id of the first node below it.
+    first_below: u32,
 }
 
 struct Context<'a, E, S> {
@@ -43,13 +55,20 @@ pub(crate) fn top_down<E: Emitter + Sync, S: Splitter>(
     max_leaf: usize,
     mut items: Vec<S::Item>,
     splitter: &S,
+    root_node: S::Node,
 ) -> LightTree {
     let unit = survey.intensity_unit();
     let mut slots = vec![LightId::NONE; items.len()];
     let mut nodes = vec![bytemuck::Zeroable::zeroed(); (2 * items.len()).saturating_sub(1)];
     if let Some((root, below)) = nodes.split_first_mut() {
         let context = Context { lights, splitter, max_leaf, unit };
-        *root = context.subtree(&mut items, 0, 0, below, 1, &mut slots);
+        *root = context.subtree(
+            &mut items,
+            root_node,
+            Place { first_item: 0, depth: 0, first_below: 1 },
+            below,
+            &mut slots,
+        );
     }
     if max_leaf > 1 {
         nodes = compacted(&nodes);
@@ -58,36 +77,38 @@ pub(crate) fn top_down<E: Emitter + Sync, S: Splitter>(
 }
 
 impl<E: Emitter + Sync, S: Splitter> Context<'_, E, S> {
-    /// Writes everything below a node and returns the node. `below` starts at id `first_below`.
+    /// Writes everything below a node and returns the node.
     fn subtree(
         &self,
         items: &mut [S::Item],
-        first_item: u32,
-        depth: u32,
+        node: S::Node,
+        place: Place,
         below: &mut [LightNode],
-        first_below: u32,
         slots: &mut [LightId],
     ) -> LightNode {
         let count = items.len();
+        let Place { first_item, depth, first_below } = place;
         if count <= self.max_leaf {
             return self.leaf(items, first_item, slots);
         }
-        let left_count = if depth + ceil_log2(count) >= MAX_DEPTH {
-            super::median::split(items)
+        let (left_count, left_node, right_node) = if depth + ceil_log2(count) >= MAX_DEPTH {
+            (super::median::split(items), node, node)
         } else {
-            self.splitter.split(items)
+            self.splitter.split(items, node)
         };
 
         let (pair, below) = below.split_at_mut(2);
         let (below_left, below_right) = below.split_at_mut(2 * left_count - 2);
         let (items_left, items_right) = items.split_at_mut(left_count);
         let (slots_left, slots_right) = slots.split_at_mut(left_count);
-        let first_left = first_below + 2;
-        let first_right = first_left + below_left.len() as u32;
-        let mut left = || self.subtree(items_left, first_item, depth + 1, below_left, first_left, slots_left);
-        let middle = first_item + left_count as u32;
-        let mut right =
-            || self.subtree(items_right, middle, depth + 1, below_right, first_right, slots_right);
+        let left_place = Place { first_item, depth: depth + 1, first_below: first_below + 2 };
+        let right_place = Place {
+            first_item: first_item + left_count as u32,
+            depth: depth + 1,
+            first_below: first_below + 2 * left_count as u32,
+        };
+        let mut left = || self.subtree(items_left, left_node, left_place, below_left, slots_left);
+        let mut right = || self.subtree(items_right, right_node, right_place, below_right, slots_right);
         let (left, right) = if count < SERIAL { (left(), right()) } else { parallel::join(left, right) };
 
         pair.copy_from_slice(&[left, right]);

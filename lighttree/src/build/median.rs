@@ -15,6 +15,12 @@ pub(crate) struct Place {
     light: LightId,
 }
 
+impl Place {
+    pub(crate) fn new<E: Emitter>(lights: &[E], light: LightId) -> Self {
+        Self { half_center: half_center(&lights[light.0 as usize].bounds()), light }
+    }
+}
+
 impl Item for Place {
     fn light(&self) -> LightId {
         self.light
@@ -26,9 +32,10 @@ impl Item for Place {
 
 impl Splitter for Median {
     type Item = Place;
+    type Node = ();
 
-    fn split(&self, items: &mut [Place]) -> usize {
-        split(items)
+    fn split(&self, items: &mut [Place], (): ()) -> (usize, (), ()) {
+        (split(items), (), ())
     }
 }
 

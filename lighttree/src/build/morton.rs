@@ -16,9 +16,10 @@ pub(crate) struct Balanced;
 
 impl Splitter for Balanced {
     type Item = LightId;
+    type Node = ();
 
-    fn split(&self, items: &mut [LightId]) -> usize {
-        items.len().next_power_of_two() / 2
+    fn split(&self, items: &mut [LightId], (): ()) -> (usize, (), ()) {
+        (items.len().next_power_of_two() / 2, (), ())
     }
 }
 

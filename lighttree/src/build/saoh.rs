@@ -13,7 +13,7 @@
 use glam::{Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
 
 use super::{emit::Item, emit::Splitter, median, parallel, survey};
-use crate::{Emitter, LightId};
+use crate::{Emitter, LightBounds, LightId};
 
 /// Largest number of bins along an axis.
 pub(crate) const MAX_BINS: u32 = 64;
@@ -55,12 +55,10 @@ pub(crate) fn items<E: Emitter + Sync>(lights: &[E]) -> Vec<Light> {
     let parts = parallel::map(survey::chunks(lights.len()), |range| {
         let light = |index: usize| {
             let bounds = lights[index].bounds();
-            let one_hemisphere =
-                if bounds.two_sided && bounds.axis.dot(HEMISPHERE) < 0.0 { -1.0 } else { 1.0 };
             (bounds.intensity > 0.0).then_some(Light {
                 low: bounds.min.extend(bounds.cos_theta_o),
                 high: bounds.max.extend(0.0),
-                axis: (one_hemisphere * bounds.axis).extend(bounds.cos_theta_e),
+                axis: one_hemisphere(&bounds).extend(bounds.cos_theta_e),
                 intensity: bounds.intensity,
                 light: LightId(index as u32),
             })
@@ -68,6 +66,11 @@ pub(crate) fn items<E: Emitter + Sync>(lights: &[E]) -> Vec<Light> {
         range.filter_map(light).collect::<Vec<_>>()
     });
     parts.concat()
+}
+
+/// The axis; of two-sided lights always that of one hemisphere, since either of theirs stands for both.
+pub(crate) fn one_hemisphere(bounds: &LightBounds) -> Vec3 {
+    if bounds.two_sided && bounds.axis.dot(HEMISPHERE) < 0.0 { -bounds.axis } else { bounds.axis }
 }
 
 /// Any direction that no coordinate plane holds: walls parallel to the axes are turned one way.
@@ -154,7 +157,7 @@ fn sine(cos: f32) -> f32 {
 }
 
 /// Arc cosine to 7e-5 radians: Abramowitz and Stegun, "Handbook of Mathematical Functions", 1964, 4.4.45.
-fn acos(cos: f32) -> f32 {
+pub(crate) fn acos(cos: f32) -> f32 {
     let x = cos.abs().min(1.0);
     let angle = (1.0 - x).sqrt() * (1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - x * 0.018_729_3)));
     if cos < 0.0 { core::f32::consts::PI - angle } else { angle }
@@ -177,8 +180,15 @@ impl Grid {
 
 impl Splitter for Saoh {
     type Item = Light;
+    type Node = ();
 
-    fn split(&self, items: &mut [Light]) -> usize {
+    fn split(&self, items: &mut [Light], (): ()) -> (usize, (), ()) {
+        (self.split_point(items), (), ())
+    }
+}
+
+impl Saoh {
+    fn split_point(&self, items: &mut [Light]) -> usize {
         if items.len() == 2 {
             return 1;
         }
@@ -187,9 +197,7 @@ impl Splitter for Saoh {
         // Never so unless a coordinate was binned twice differently.
         if count == 0 || count == items.len() { median::split(items) } else { count }
     }
-}
 
-impl Saoh {
     /// Grid, axis, and the last bin on the left; `None` where no split separates anything.
     fn best_split(&self, items: &[Light]) -> Option<(Grid, usize, usize)> {
         let (centers, all) = extents(items);

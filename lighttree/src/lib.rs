@@ -31,6 +31,7 @@ mod alias;
 mod bound;
 mod bounds;
 mod build;
+mod check;
 #[cfg(feature = "conformance")]
 pub mod conformance;
 mod cut;
@@ -42,6 +43,7 @@ pub mod oracle;
 mod perfect;
 mod rays;
 mod receiver;
+mod refit;
 pub mod rng;
 mod sampler;
 mod select;
@@ -55,6 +57,7 @@ pub use alias::{AliasTable, PowerSampler, UniformSampler, WeightError};
 pub use bound::{Bound, BoundTerms, GeometricBound, NodeBound, emission_bound};
 pub use bounds::{Cone, LightBounds};
 pub use build::{BuildError, BuildMethod, BuildParams, MortonBits};
+pub use check::{Malformed, check};
 pub use cut::{Cut, CutError, overlay};
 pub use emitter::{
     DiskLight, Emitter, EmittingPoint, LightId, OrientedVpl, PointLight, PointwiseEmitter, SphereLight,
@@ -65,6 +68,7 @@ pub use node::{LightNode, PerfectNode};
 pub use perfect::PerfectTree;
 pub use rays::{Ray, RayHit, RayQueries, Segment};
 pub use receiver::{GgxReceiver, LambertReceiver, PhongReceiver, Receiver};
+pub use refit::RefitError;
 pub use sampler::{BatchLightSampler, LightSample, LightSampler, PerReceiver, SampleRequest, WeightedLight};
 pub use select::{CutPolicy, CutSelector, select_cut};
 pub use toward::Toward;

@@ -23,7 +23,7 @@ use crate::{Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PerfectTree {
     /// The levels one after the other, the root's first.
-    nodes: Vec<PerfectNode>,
+    pub(crate) nodes: Vec<PerfectNode>,
     /// Number of lights.
     len: u32,
     /// Depth of the leaves; the root is at 0.
@@ -59,7 +59,7 @@ impl PerfectTree {
         let mut slot_of = slots_by_light(&order, lights.len());
 
         let depth = ceil_log2(order.len());
-        let level_sizes: Vec<_> = (0..=depth).map(|d| order.len().div_ceil(1 << (depth - d))).collect();
+        let level_sizes = level_sizes(order.len(), depth);
         let mut nodes = vec![PerfectNode::zeroed(); level_sizes.iter().sum()];
         let mut levels = split_by_sizes(&mut nodes, &level_sizes);
         let unit = survey.intensity_unit();
@@ -126,6 +126,18 @@ impl PerfectTree {
         size_of_val(&*self.nodes) + size_of_val(&*self.shifts) + size_of_val(&*self.late_slots)
     }
 
+    /// Takes new bounds of every light, and from them those of every node.
+    pub(crate) fn refit_nodes(&mut self, unit: f64, bounds: impl Fn(LightId) -> LightBounds) {
+        self.unit = unit;
+        let sizes = level_sizes(self.len(), self.depth);
+        let mut levels =
+            split_by_sizes(&mut self.nodes, &sizes[..if self.len == 0 { 0 } else { sizes.len() }]);
+        for node in levels.last_mut().into_iter().flat_map(|leaves| leaves.iter_mut()) {
+            *node = leaf(&bounds(LightId(node.id)), LightId(node.id), unit);
+        }
+        fill_inner(&mut levels);
+    }
+
     /// Nodes that are not leaves; they come first.
     fn inner(&self) -> usize {
         self.nodes.len() - self.len()
@@ -146,6 +158,11 @@ fn slots_by_light(order: &[LightId], lights: usize) -> Vec<u32> {
         slots[light.0 as usize] = slot;
     }
     slots
+}
+
+/// Numbers of nodes at each depth.
+fn level_sizes(len: usize, depth: u32) -> Vec<usize> {
+    (0..=depth).map(|d| len.div_ceil(1 << (depth - d))).collect()
 }
 
 fn split_by_sizes<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
@@ -183,14 +200,21 @@ fn fill(
 }
 
 fn fill_serial(levels: &mut [&mut [PerfectNode]], order: &[LightId], leaf: &impl Fn(LightId) -> PerfectNode) {
-    let Some((leaves, inner)) = levels.split_last_mut() else { return };
-    for (node, &light) in leaves.iter_mut().zip(order) {
-        *node = leaf(light);
+    if let Some(leaves) = levels.last_mut() {
+        for (node, &light) in leaves.iter_mut().zip(order) {
+            *node = leaf(light);
+        }
     }
+    fill_inner(levels);
+}
+
+/// Bounds of all levels but the last from those below; ids are kept.
+fn fill_inner(levels: &mut [&mut [PerfectNode]]) {
+    let Some((leaves, inner)) = levels.split_last_mut() else { return };
     let mut children: &[PerfectNode] = leaves;
     for level in inner.iter_mut().rev() {
         for (node, children) in level.iter_mut().zip(children.chunks(2)) {
-            *node = parent(children);
+            *node = PerfectNode { id: node.id, ..parent(children) };
         }
         children = level;
     }

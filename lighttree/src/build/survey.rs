@@ -106,5 +106,9 @@ impl Survey {
 
 /// The light's intensity in `unit`s; a light that shines never underflows to nothing.
 pub(crate) fn in_units(intensity: f32, unit: f64) -> f32 {
-    if unit == 1.0 { intensity } else { ((f64::from(intensity) / unit) as f32).max(f32::from_bits(1)) }
+    if unit == 1.0 || intensity == 0.0 {
+        intensity
+    } else {
+        ((f64::from(intensity) / unit) as f32).max(f32::from_bits(1))
+    }
 }

@@ -20,7 +20,7 @@ use crate::{Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId
 ///
 /// Ids are those of a binary heap: the root is 1, the children of `i` are `2i` and `2i + 1`. At most 64 bytes a
 /// light.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PerfectTree {
     /// The levels one after the other, the root's first.
     pub(crate) nodes: Vec<PerfectNode>,
@@ -49,10 +49,15 @@ impl PerfectTree {
     pub fn build(lights: &[impl Emitter + Sync], bits: MortonBits) -> Result<Self, BuildError> {
         let survey = survey::survey(lights)?;
         if survey.kept == 0 {
+            let late_slots = vec![u32::MAX; lights.len()];
             return Ok(Self {
-                late_slots: vec![u32::MAX; lights.len()],
+                nodes: vec![],
+                len: 0,
+                depth: 0,
+                shifts: vec![],
+                late_slots,
                 dropped: lights.len(),
-                ..Self::default()
+                unit: 1.0,
             });
         }
         let order = morton::order(lights, &survey, bits);

@@ -13,7 +13,7 @@ use crate::{
 /// - A node's box and cone contain its children's, as decoded; its intensity is the f32 sum of theirs, which after `d`
 ///   levels is within d × 2⁻²⁴ of the exact one: 24 ulp for 16 million lights in a balanced tree.
 /// - No leaf is deeper than 64.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LightTree {
     pub(crate) nodes: Vec<LightNode>,
     /// Light of each slot.

@@ -126,7 +126,7 @@ fn order<E: Emitter + Sync>(lights: &[E], survey: &Survey) -> Vec<LightId> {
             let bit = |c: u32| u64::from(c >> level & 1);
             key = key << 3 | bit(place[0]) << 2 | bit(place[1]) << 1 | bit(place[2]);
             let step = LEVELS - 1 - level;
-            if step >= 2 && step % 2 == 0 {
+            if step >= 2 && step.is_multiple_of(2) {
                 let bit = |c: u32| u64::from(c >> (7 - step / 2) & 1);
                 key = key << 2 | bit(u) << 1 | bit(v);
             }

@@ -1,4 +1,5 @@
-//! What a bound and a sampled light cost: nanoseconds per bound, samples per second by child choice and size of the tree.
+//! What a bound and a sampled light cost: nanoseconds per bound, samples per second by child choice and size
+//! of the tree.
 
 use std::hint::black_box;
 use std::time::Duration;

@@ -1,10 +1,11 @@
 //! Choices that do not depend on the receiver: all lights alike, or by intensity.
 //!
-//! Walker, "An Efficient Method for Generating Discrete Random Variables with General Distributions", 1977; Vose, "A Linear Algorithm for
-//! Generating Random Numbers with a Given Distribution", 1991.
+//! Walker, "An Efficient Method for Generating Discrete Random Variables with General Distributions", 1977;
+//! Vose, "A Linear Algorithm for Generating Random Numbers with a Given Distribution", 1991.
 //!
 //! Differs from them: thresholds are multiples of 2^-32 and never 0 for a light with weight, and the
-//! probabilities are counted from the finished table. So they are what is drawn, exactly, and no light is lost.
+//! probabilities are counted from the finished table. So they are what is drawn, exactly, and no light is
+//! lost.
 
 use core::fmt;
 
@@ -21,7 +22,8 @@ pub struct AliasTable {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Column {
-    /// Probability of the column's own index, in 2^-32s; the rest is its alias'. Of no matter where these are the same.
+    /// Probability of the column's own index, in 2^-32s; the rest is its alias'. Of no matter where these are
+    /// the same.
     own: u32,
     alias: u32,
 }

@@ -6,8 +6,8 @@ use crate::{LightBounds, Receiver, Toward};
 /// Upper bound of a node's unoccluded contribution to a receiver, and nothing that is lower.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bound {
-    /// No contribution of these emitters is larger. Not negative; infinite where the receiver lies in their box, unless they
-    /// cannot contribute at all; never NaN.
+    /// No contribution of these emitters is larger. Not negative; infinite where the receiver lies in their
+    /// box, unless they cannot contribute at all; never NaN.
     pub upper: f64,
 }
 
@@ -17,7 +17,8 @@ pub trait NodeBound<R: ?Sized> {
     fn bound(&self, emitters: &LightBounds, receiver: &R) -> Bound;
 }
 
-/// Intensity × emission cosine × scatter bound ÷ squared distance to the box: needs nothing but a [`Receiver`].
+/// Intensity × emission cosine × scatter bound ÷ squared distance to the box: needs nothing but a
+/// [`Receiver`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GeometricBound;
 
@@ -32,8 +33,8 @@ impl<R: Receiver + ?Sized> NodeBound<R> for GeometricBound {
 /// The factors of a [`GeometricBound`], for those that look at other distances than the smallest.
 #[derive(Clone, Copy, Debug)]
 pub struct BoundTerms {
-    /// Upper bound of intensity × emission cosine × scattering, W·sr⁻²; finite unless the receiver's own bound is not;
-    /// 0 if and only if these emitters are known to contribute nothing.
+    /// Upper bound of intensity × emission cosine × scattering, W·sr⁻²; finite unless the receiver's own
+    /// bound is not; 0 if and only if these emitters are known to contribute nothing.
     pub strength: f64,
     /// The emitters' box as the receiver sees it.
     pub toward: Toward,
@@ -46,8 +47,8 @@ impl BoundTerms {
         Self::with(emitters, receiver, R::scatter_bound)
     }
 
-    /// The same with the receiver's [`scatter_importance`](Receiver::scatter_importance) in place of its bound: not to bound with, but
-    /// cheaper, and 0 for the same emitters.
+    /// The same with the receiver's [`scatter_importance`](Receiver::scatter_importance) in place of its
+    /// bound: not to bound with, but cheaper, and 0 for the same emitters.
     #[inline]
     pub fn importance<R: Receiver + ?Sized>(emitters: &LightBounds, receiver: &R) -> Self {
         Self::with(emitters, receiver, R::scatter_importance)
@@ -80,9 +81,9 @@ impl BoundTerms {
 
 /// Upper bound, in [0, 1], of these emitters' intensity towards the receiver relative to their peak.
 ///
-/// Conty Estévez and Kulla 2018, eq. 3: cos max(0, θ - `theta_o` - `theta_u`), 0 beyond `theta_e`. Differs from it: the angle θ - `theta_u` between
-/// the axis and the nearest of all directions from the box to the receiver is found itself
-/// ([`Toward::max_cos`]) instead of from a bounding sphere.
+/// Conty Estévez and Kulla 2018: cos max(0, θ - `theta_o` - `theta_u`), 0 beyond `theta_e`. Differs
+/// from it: the angle θ - `theta_u` between the axis and the nearest of all directions from the box to the
+/// receiver is found itself ([`Toward::max_cos`]) instead of from a bounding sphere.
 pub fn emission_bound(emitters: &LightBounds, toward: &Toward) -> f64 {
     if emitters.cos_theta_o <= -1.0 || emitters.two_sided && emitters.cos_theta_o <= 0.0 {
         return 1.0;

@@ -1,13 +1,13 @@
 //! What a tree knows of one emitter, or of many together.
 //!
-//! Conty Estévez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018: a box, a cone
-//! of normals (`theta_o`) and an emission angle around each of them (`theta_e`).
+//! Conty Estévez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018: a box, a
+//! cone of normals (`theta_o`) and an emission angle around each of them (`theta_e`).
 //!
-//! Differs from it: the strength is the peak radiant intensity instead of the flux. A bound needs it
-//! (flux alone does not say how much goes one way), and it makes a narrow spot light weigh what it
-//! gives inside its cone. A profile that is flat inside an angle (point, spot) is written as `theta_o` = that
-//! angle and `theta_e` = 0, so that one formula, `intensity · cos(angle outside theta_o)` up to `theta_e`, bounds
-//! flat and cosine profiles alike.
+//! Differs from it: the strength is the peak radiant intensity instead of the flux. A bound needs it (flux
+//! alone does not say how much goes one way), and it makes a narrow spot light weigh what it gives inside its
+//! cone. A profile that is flat inside an angle (point, spot) is written as `theta_o` = that angle and
+//! `theta_e` = 0, so that one formula, `intensity · cos(angle outside theta_o)` up to `theta_e`, bounds flat
+//! and cosine profiles alike.
 
 use glam::{DVec3, Vec3};
 
@@ -57,18 +57,21 @@ impl LightBounds {
         Self::omnidirectional(position, position, intensity)
     }
 
-    /// Anything between `min` and `max` that may emit everywhere, at most `intensity` W·sr⁻¹ into any direction.
+    /// Anything between `min` and `max` that may emit everywhere, at most `intensity` W·sr⁻¹ into any
+    /// direction.
     pub const fn omnidirectional(min: Vec3, max: Vec3, intensity: f32) -> Self {
         Self { min, max, axis: Vec3::Z, cos_theta_o: -1.0, cos_theta_e: 1.0, two_sided: false, intensity }
     }
 
-    /// A point that sends at most `intensity` W·sr⁻¹ within `outer_angle` radians of `axis`, and nothing outside.
+    /// A point that sends at most `intensity` W·sr⁻¹ within `outer_angle` radians of `axis`, and nothing
+    /// outside.
     ///
-    /// The cone is widened by a few units in the last place, so that a cosine that was computed in f32 and found to
-    /// be inside is inside of these bounds, too.
+    /// The cone is widened by a few units in the last place, so that a cosine that was computed in f32 and
+    /// found to be inside is inside of these bounds, too.
     pub fn spot(position: Vec3, axis: Vec3, outer_angle: f32, intensity: f32) -> Self {
-        let cos_theta_o =
-            (outer_angle.clamp(0.0, core::f32::consts::PI).cos() - 4.0 * f32::EPSILON).max(-1.0);
+        let cos = outer_angle.clamp(0.0, core::f32::consts::PI).cos() - 4.0 * f32::EPSILON;
+        // Not `max`, which would make -1 of NaN and hide it from the builder.
+        let cos_theta_o = if cos < -1.0 { -1.0 } else { cos };
         Self { axis, cos_theta_o, ..Self::point(position, intensity) }
     }
 
@@ -93,8 +96,8 @@ impl LightBounds {
         0.5 * self.min + 0.5 * self.max
     }
 
-    /// Bounds of the emitters of both. What either bounds, the union bounds: box, normals, emission angles and the
-    /// sum of intensities (which may be infinite; builders rule that out).
+    /// Bounds of the emitters of both. What either bounds, the union bounds: box, normals, emission angles
+    /// and the sum of intensities (which may be infinite; builders rule that out).
     ///
     /// Where the result is two-sided, either axis may be flipped, and the narrower of the two cones is taken.
     pub fn union(&self, other: &Self) -> Self {
@@ -118,8 +121,8 @@ impl LightBounds {
         }
     }
 
-    /// Whether box, normals and emission angle of `other` lie within these; `slack` is an angle in radians by which
-    /// its normals may stick out. Intensities are not compared.
+    /// Whether box, normals and emission angle of `other` lie within these; `slack` is an angle in radians by
+    /// which its normals may stick out. Intensities are not compared.
     pub fn contains(&self, other: &Self, slack: f32) -> bool {
         if other.is_empty() {
             return true;
@@ -152,9 +155,10 @@ impl Cone {
     /// The narrowest cone around both, to within f32's own steps (a half angle near 0 can only be told from
     /// another if they differ by 3.5e-4 rad, which is what the cosine nearest below 1 stands for).
     ///
-    /// It contains both: axis and half angle come from angle sums (as complex products, in f64), then the half angle is
-    /// taken anew around the axis as it was rounded, and its cosine is rounded down. Cones that together span the sphere, and
-    /// opposite axes, where the axis of the result could be any, are no special cases for the caller.
+    /// It contains both: axis and half angle come from angle sums (as complex products, in f64), then the
+    /// half angle is taken anew around the axis as it was rounded, and its cosine is rounded down. Cones that
+    /// together span the sphere, and opposite axes, where the axis of the result could be any, are no special
+    /// cases for the caller.
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {
         let (wide, narrow) =
@@ -162,7 +166,7 @@ impl Cone {
         let (Some(a), Some(b)) =
             (wide.axis.as_dvec3().try_normalize(), narrow.axis.as_dvec3().try_normalize())
         else {
-            return Self { axis: self.axis, cos_half_angle: -1.0 };
+            return Self::ALL;
         };
         let (alpha, beta) = (Turn::from_cos(wide.cos_half_angle), Turn::from_cos(narrow.cos_half_angle));
         let theta = Turn::between(a, b);
@@ -172,9 +176,9 @@ impl Cone {
             return *wide;
         }
 
-        // In the plane of both axes, the edges of the union are the far edge of one cone and the far edge of the
-        // other; its axis halves the angle between them. The sum of two unit vectors vanishes near half a turn, the
-        // perpendicular to their difference near none, so take whichever is longer.
+        // In the plane of both axes, the edges of the union are the far edge of one cone and the far edge of
+        // the other; its axis halves the angle between them. The sum of two unit vectors vanishes near half a
+        // turn, the perpendicular to their difference near none, so take whichever is longer.
         let across = perpendicular_part(b, a);
         let near = Turn { cos: alpha.cos, sin: -alpha.sin };
         let far = theta + beta;
@@ -187,7 +191,8 @@ impl Cone {
         };
         let axis = (x * a + y * across).normalize_or(a).as_vec3();
 
-        // The half angle around that axis, which f32 has rounded; down to -1 where the sum exceeds half a turn.
+        // The half angle around that axis, which f32 has rounded; down to -1 where the sum exceeds half a
+        // turn.
         let rounded = axis.as_dvec3().normalize();
         let cos = (Turn::between(rounded, a) + alpha)
             .cos_or_half_turn()

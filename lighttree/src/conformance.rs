@@ -1,7 +1,8 @@
-//! What any tree, bound or sampler must do, as functions that say what is wrong: the contracts of this crate's traits, in code.
+//! What any tree, bound or sampler must do, as functions that say what is wrong: the contracts of this
+//! crate's traits, in code.
 //!
-//! Each returns `Err` with a sentence for a person to read, or `Ok` with what was measured. An implementation calls those that concern it from its own
-//! tests, in one line each.
+//! Each returns `Err` with a sentence for a person to read, or `Ok` with what was measured. An implementation
+//! calls those that concern it from its own tests, in one line each.
 
 use crate::oracle::{Distribution, sum};
 use crate::rng::{Decisions, Random};
@@ -13,8 +14,8 @@ use crate::{
 /// What is wrong, in words.
 pub type Failure = String;
 
-/// A tree over lights: children split their parent's slots left to right, parents' bounds contain their children's, every slot
-/// holds a light of its own, and the way from light to slot leads back.
+/// A tree over lights: children split their parent's slots left to right, parents' bounds contain their
+/// children's, every slot holds a light of its own, and the way from light to slot leads back.
 ///
 /// Cones may be rounded outwards or inwards by at most 1e-4 rad; intensities by 1e-4 of their sum.
 pub fn check_hierarchy(tree: &impl LightHierarchy) -> Result<(), Failure> {
@@ -77,8 +78,8 @@ pub fn check_hierarchy(tree: &impl LightHierarchy) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A bound of one group of emitters: not negative, not NaN, and not below a `contribution` of them that is known; `slack` is the relative
-/// error of that.
+/// A bound of one group of emitters: not negative, not NaN, and not below a `contribution` of them that is
+/// known; `slack` is the relative error of that.
 pub fn check_bound<R: ?Sized>(
     bound: &impl NodeBound<R>,
     emitters: &LightBounds,
@@ -105,7 +106,8 @@ pub struct SamplerCheck {
     pub samples: u32,
     /// Seed of all of them.
     pub seed: u32,
-    /// Probability with which a right sampler fails the chi² test, e.g. 1e-4: a fixed seed makes it pass or fail for ever.
+    /// Probability with which a right sampler fails the chi² test, e.g. 1e-4: a fixed seed makes it pass or
+    /// fail for ever.
     pub significance: f64,
 }
 
@@ -125,7 +127,8 @@ pub struct SamplerReport {
 /// A sampler and one receiver:
 /// - every sample reports its `pmf`, and `pmf` says the same;
 /// - the probabilities sum to at most 1 (to 1e-12);
-/// - every light that contributes can be drawn, and the mean of `contribution / pmf` is their sum within 4 standard errors;
+/// - every light that contributes can be drawn, and the mean of `contribution / pmf` is their sum within 4
+///   standard errors;
 /// - how often each light is drawn passes a chi² test, and so does how often none is.
 pub fn check_sampler<R: ?Sized>(
     sampler: &impl LightSampler<R>,
@@ -190,7 +193,8 @@ pub fn check_sampler<R: ?Sized>(
     Ok(SamplerReport { nothing, p_value, mean, standard_error })
 }
 
-/// Far from all lights a sampler must go by intensity: each probability is within `tolerance` of that, relatively.
+/// Far from all lights a sampler must go by intensity: each probability is within `tolerance` of that,
+/// relatively.
 pub fn check_far_away<R: ?Sized>(
     sampler: &impl LightSampler<R>,
     far_receiver: &R,
@@ -207,9 +211,9 @@ pub fn check_far_away<R: ?Sized>(
     Ok(())
 }
 
-/// A batch sampler: unused entries are [`WeightedLight::NONE`], weights are positive and finite, the same request gives the same
-/// rows, rows do not depend on how the batch is cut, and the mean over `requests` batches of each receiver's
-/// weighted sum is within `tolerance` of the sum of all contributions, relatively.
+/// A batch sampler: unused entries are [`WeightedLight::NONE`], weights are positive and finite, the same
+/// request gives the same rows, rows do not depend on how the batch is cut, and the mean over `requests`
+/// batches of each receiver's weighted sum is within `tolerance` of the sum of all contributions, relatively.
 pub fn check_batch<S: BatchLightSampler>(
     sampler: &mut S,
     receivers: &[S::Receiver],
@@ -262,10 +266,11 @@ pub fn check_batch<S: BatchLightSampler>(
     Ok(())
 }
 
-/// Probability, for a right sampler, of counts at least as far from what is expected as these: Pearson's chi² test.
+/// Probability, for a right sampler, of counts at least as far from what is expected as these: Pearson's chi²
+/// test.
 ///
-/// Outcomes of which fewer than 5 are expected are pooled, the least expected first, so that the distribution of the statistic is
-/// the known one. A count where nothing is expected is an error.
+/// Outcomes of which fewer than 5 are expected are pooled, the least expected first, so that the distribution
+/// of the statistic is the known one. A count where nothing is expected is an error.
 pub fn chi_squared_p_value(counts: &[u32], probabilities: &[f64]) -> Result<f64, Failure> {
     assert_eq!(counts.len(), probabilities.len(), "one probability per count");
     let samples = sum(counts.iter().map(|&count| f64::from(count)));

@@ -39,8 +39,8 @@ impl<T: Emitter + ?Sized> Emitter for &T {
 
 /// An emitter whose light can be summed up point by point: what a bound is a bound of.
 ///
-/// The mean over `u` in the unit square of `intensity · scattering at the receiver / d²` is the contribution of the emitter to the
-/// receiver, without visibility. So one such point is also an unbiased estimate of it.
+/// The mean over `u` in the unit square of `intensity · scattering at the receiver / d²` is the contribution
+/// of the emitter to the receiver, without visibility. So one such point is also an unbiased estimate of it.
 pub trait PointwiseEmitter: Emitter {
     /// The point at `u`, uniform by area, seen from `receiver`.
     fn point(&self, u: [f32; 2], receiver: Vec3) -> EmittingPoint;
@@ -51,8 +51,8 @@ pub trait PointwiseEmitter: Emitter {
 pub struct EmittingPoint {
     /// World-space position, within the emitter's bounds.
     pub position: Vec3,
-    /// Intensity towards the receiver as if the whole emitter were like this point, W·sr⁻¹: radiance × whole area × cosine
-    /// at the emitter. May exceed the peak intensity of a curved emitter.
+    /// Intensity towards the receiver as if the whole emitter were like this point, W·sr⁻¹: radiance × whole
+    /// area × cosine at the emitter. May exceed the peak intensity of a curved emitter.
     pub intensity: f64,
 }
 
@@ -67,8 +67,9 @@ pub struct PointLight {
 
 /// A point that sends light into a cone, less towards its rim: the spot of `KHR_lights_punctual`.
 ///
-/// The falloff is the square of (cos θ - cos outer) / (cos inner - cos outer), clamped to [0, 1]. Differs from the extension's suggested code:
-/// the denominator has no lower limit of 0.001, which would dim narrow spots; equal angles give a hard rim.
+/// The falloff is the square of (cos θ - cos outer) / (cos inner - cos outer), clamped to [0, 1]. Differs
+/// from the extension's suggested code: the denominator has no lower limit of 0.001, which would dim narrow
+/// spots; equal angles give a hard rim.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpotLight {
     /// World-space position.
@@ -120,7 +121,8 @@ pub struct SphereLight {
     pub radiance: f32,
 }
 
-/// A virtual point light on a diffuse surface: a point with a cosine lobe (Keller, "Instant Radiosity", 1997).
+/// A virtual point light on a diffuse surface: a point with a cosine lobe (Keller, "Instant Radiosity",
+/// 1997).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OrientedVpl {
     /// World-space position.
@@ -171,7 +173,8 @@ impl PointwiseEmitter for SpotLight {
 }
 
 impl TriangleLight {
-    /// Half the cross product of two edges: along the normal, as long as the area. In f64, where no triangle is too small.
+    /// Half the cross product of two edges: along the normal, as long as the area. In f64, where no triangle
+    /// is too small.
     fn area_vector(&self) -> DVec3 {
         let [a, b, c] = self.corners.map(Vec3::as_dvec3);
         0.5 * (b - a).cross(c - a)

@@ -5,8 +5,9 @@ use crate::{GeometricBound, LightBounds, LightId, LightSample, LightSampler, Nod
 
 /// Draws lights in proportion to an importance that is asked of each of them, every time.
 ///
-/// With the lights' own contributions it is the best that a sampler can do that does not know visibility; with their bounds,
-/// what a tree that splits down to single lights approaches. An oracle for tests and figures.
+/// With the lights' own contributions it is the best that a sampler can do that does not know visibility;
+/// with their bounds, what a tree that splits down to single lights approaches. An oracle for tests and
+/// figures.
 #[derive(Clone, Copy, Debug)]
 pub struct ExhaustiveSampler<F> {
     count: u32,
@@ -20,8 +21,8 @@ impl<F> ExhaustiveSampler<F> {
     }
 }
 
-/// In proportion to each light's own [`GeometricBound`]; a bound that is not finite, where the receiver is within a light's
-/// box, counts as if the light were at the far side of that box.
+/// In proportion to each light's own [`GeometricBound`]; a bound that is not finite, where the receiver is
+/// within a light's box, counts as if the light were at the far side of that box.
 pub fn by_bound<R: Receiver + ?Sized>(
     lights: &[LightBounds],
 ) -> ExhaustiveSampler<impl Fn(&R, LightId) -> f64> {

@@ -1,7 +1,8 @@
-//! The exact oracle: what one sample does on average and how much it varies, by enumeration and without noise.
+//! The exact oracle: what one sample does on average and how much it varies, by enumeration and without
+//! noise.
 //!
-//! For tests, benches, figures and tuning. With c the contribution of each light and p its probability, a one-sample
-//! estimate has the mean Σ c over p > 0 and the variance Σ c²/p - mean².
+//! For tests, benches, figures and tuning. With c the contribution of each light and p its probability, a
+//! one-sample estimate has the mean Σ c over p > 0 and the variance Σ c²/p - mean².
 
 use crate::{LightHierarchy, LightId, LightSample, LightSampler, Receiver, TreeSampler};
 
@@ -21,7 +22,8 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Variance ÷ squared mean: the relMSE of one sample; `n` samples have one nth. 0 where there is no light at all.
+    /// Variance ÷ squared mean: the relMSE of one sample; `n` samples have one nth. 0 where there is no light
+    /// at all.
     pub fn relative_variance(&self) -> f64 {
         if self.mean == 0.0 { 0.0 } else { self.variance / (self.mean * self.mean) }
     }
@@ -49,7 +51,8 @@ impl Distribution {
         &self.samples
     }
 
-    /// Probability that a light is drawn at all; what is missing from 1 goes to branches known to contribute nothing.
+    /// Probability that a light is drawn at all; what is missing from 1 goes to branches known to contribute
+    /// nothing.
     pub fn total(&self) -> f64 {
         sum(self.samples.iter().map(|sample| sample.pmf))
     }
@@ -58,7 +61,8 @@ impl Distribution {
     pub fn moments(&self, contribution: impl Fn(LightId) -> f64) -> Moments {
         let contributions: Vec<_> = self.samples.iter().map(|sample| contribution(sample.light)).collect();
         let mean = sum(contributions.iter().copied());
-        // As squared deviations, which do not cancel: Σ p (c/p - mean)², and what draws nothing deviates by the mean.
+        // As squared deviations, which do not cancel: Σ p (c/p - mean)², and what draws nothing deviates by
+        // the mean.
         let deviations = self.samples.iter().zip(&contributions).map(|(sample, c)| {
             let deviation = c / sample.pmf - mean;
             sample.pmf * deviation * deviation

@@ -32,13 +32,13 @@ pub trait Receiver {
     /// World-space position.
     fn position(&self) -> Vec3;
 
-    /// Upper bound of |f · cos θ|, f the BSDF, in sr⁻¹, over all directions in `toward`. Lambert: albedo/π × largest
-    /// cosine; a phase function: its largest value. Infinite is allowed, and keeps a cut refining.
+    /// Upper bound of |f · cos θ|, f the BSDF, in sr⁻¹, over all directions in `toward`. Lambert: albedo/π ×
+    /// largest cosine; a phase function: its largest value. Infinite is allowed, and keeps a cut refining.
     fn scatter_bound(&self, toward: &Toward) -> f32;
 
-    /// About how much of |f · cos θ| there is for light from `toward`, in sr⁻¹: what samplers weigh nodes by. May be wrong in
-    /// either direction, but must be positive wherever [`scatter_bound`](Self::scatter_bound) is, which is the default. Worth
-    /// overriding where something cheaper will do.
+    /// About how much of |f · cos θ| there is for light from `toward`, in sr⁻¹: what samplers weigh nodes by.
+    /// May be wrong in either direction, but must be positive wherever [`scatter_bound`](Self::scatter_bound)
+    /// is, which is the default. Worth overriding where something cheaper will do.
     fn scatter_importance(&self, toward: &Toward) -> f32 {
         self.scatter_bound(toward)
     }

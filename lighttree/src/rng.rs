@@ -1,7 +1,8 @@
 //! Counter-based random numbers, specified to the bit: a pure function of a key, with no state to carry.
 //!
-//! The mixing function is pcg4d of Jarzynski and Olano, "Hash Functions for GPU Rendering", 2020: four u32 in, four u32
-//! out, only wrapping 32-bit multiplies, adds, xors and one shift, so that WGSL has the same bits.
+//! The mixing function is pcg4d of Jarzynski and Olano, "Hash Functions for GPU Rendering", 2020: four u32
+//! in, four u32 out, only wrapping 32-bit multiplies, adds, xors and one shift, so that WGSL has the same
+//! bits.
 
 /// Four well mixed words from four counters.
 pub const fn pcg4d(key: [u32; 4]) -> [u32; 4] {
@@ -54,7 +55,8 @@ impl Random {
         Self { key: [seed, stream, index, 0], words: [0; 4] }
     }
 
-    /// The next 32 bits. Word `n` of the stream is component `n % 4` of `pcg4d([seed, stream, index, n / 4])`.
+    /// The next 32 bits. Word `n` of the stream is component `n % 4` of `pcg4d([seed, stream, index, n /
+    /// 4])`.
     pub const fn u32(&mut self) -> u32 {
         let lane = (self.key[3] % 4) as usize;
         if lane == 0 {
@@ -83,18 +85,20 @@ impl Random {
 
 /// A uniform random number that is consumed choice by choice and never runs out: an arithmetic decoder.
 ///
-/// One float rescaled from level to level, as most light trees have it, loses a bit per level: in a tree of 2^20 lights, half
-/// of them could never be drawn. Here `value` is uniform among `0..=last`, both 64 bits. A choice
-/// with probability `q / 2^32` splits that range in this proportion, exactly, and keeps the part that `value` is in; when fewer
-/// than 32 bits are left, 32 fresh ones are appended from the stream. So the number keeps its order (choices are monotone in
-/// the first 64 bits, which may be stratified or of low discrepancy), every leaf of any tree is reachable, and the probability of
-/// a sequence of choices is the product of the `q / 2^32`, to the last bit.
+/// One float rescaled from level to level, as most light trees have it, loses a bit per level: in a tree of
+/// 2^20 lights, half of them could never be drawn. Here `value` is uniform among `0..=last`, both 64 bits. A
+/// choice with probability `q / 2^32` splits that range in this proportion, exactly, and keeps the part that
+/// `value` is in; when fewer than 32 bits are left, 32 fresh ones are appended from the stream. So the number
+/// keeps its order (choices are monotone in the first 64 bits, which may be stratified or of low
+/// discrepancy), every leaf of any tree is reachable, and the probability of a sequence of choices is the
+/// product of the `q / 2^32`, to the last bit.
 ///
-/// To the bit, with `span = last + 1`: let `split = span · q` (96 bits), `whole = split >> 32`, `part = split mod 2^32`.
+/// To the bit, with `span = last + 1`: let `split = span · q` (96 bits), `whole = split >> 32`, `part = split
+/// mod 2^32`.
 /// - `value < whole`: first; `last = whole - 1`.
 /// - `value > whole`: second; `value -= whole + 1`, `last -= whole + 1`.
-/// - `value == whole`, which is rarer than 2^-32: first if the next word of the stream is below `part`, otherwise
-///   second; then `value` is the next two words, the first on top, and `last = 2^64 - 1`.
+/// - `value == whole`, which is rarer than 2^-32: first if the next word of the stream is below `part`,
+///   otherwise second; then `value` is the next two words, the first on top, and `last = 2^64 - 1`.
 ///
 /// Then, if `last < 2^32`: `value = value · 2^32 + next word`, `last = last · 2^32 + 2^32 - 1`.
 #[derive(Clone, Debug)]
@@ -148,12 +152,12 @@ impl Decisions {
         chosen
     }
 
-    /// An index below `count`, each with probability 1/`count`, exactly (Lemire, "Fast Random Integer Generation in an
-    /// Interval", 2019); the next 64 bits are fresh.
+    /// An index below `count`, each with probability 1/`count`, exactly (Lemire, "Fast Random Integer
+    /// Generation in an Interval", 2019); the next 64 bits are fresh.
     ///
-    /// To the bit: `product = value · count` (96 bits) with `value` as it is if nothing was consumed yet, otherwise the next two words; while
-    /// `product mod 2^64 < 2^64 mod count`, again with the next two words; the index is `product >> 64`. Then `value` is
-    /// the next two words and `last = 2^64 - 1`.
+    /// To the bit: `product = value · count` (96 bits) with `value` as it is if nothing was consumed yet,
+    /// otherwise the next two words; while `product mod 2^64 < 2^64 mod count`, again with the next two
+    /// words; the index is `product >> 64`. Then `value` is the next two words and `last = 2^64 - 1`.
     ///
     /// # Panics
     /// If `count` is 0: there is no such index.
@@ -186,8 +190,8 @@ impl Decisions {
     }
 }
 
-/// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor` (at most 2^31) and at
-/// least 1 away from certain, and `floor` away from impossible. NaN counts as 1/2.
+/// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor` (at
+/// most 2^31) and at least 1 away from certain, and `floor` away from impossible. NaN counts as 1/2.
 pub fn quantized(probability: f64, floor: u32) -> u32 {
     // Adding 1/2 and cutting off is what rounding is for what is not negative; casts saturate.
     let scaled = if probability.is_nan() { 2_147_483_648.0 } else { probability * TWO_POW_32 + 0.5 };

@@ -16,14 +16,16 @@ pub struct LightSample {
 
 /// One light at a time, with both questions that multiple importance sampling asks.
 ///
-/// Contract: every light that can contribute to the receiver has a positive probability, `pmf` says what `sample` reports (to 1e-6
-/// relative), and the probabilities of all lights sum to at most 1; the rest is the probability of `None`.
+/// Contract: every light that can contribute to the receiver has a positive probability, `pmf` says what
+/// `sample` reports (to 1e-6 relative), and the probabilities of all lights sum to at most 1; the rest is the
+/// probability of `None`.
 pub trait LightSampler<R: ?Sized> {
-    /// Draws a light; `None` where it is certain that what was drawn contributes nothing: count it as a sample of value 0.
+    /// Draws a light; `None` where it is certain that what was drawn contributes nothing: count it as a
+    /// sample of value 0.
     fn sample(&self, receiver: &R, random: &mut Decisions) -> Option<LightSample>;
 
-    /// Probability with which [`sample`](Self::sample) draws `light` for this receiver, in [0, 1]; 0 for a light that it does
-    /// not know.
+    /// Probability with which [`sample`](Self::sample) draws `light` for this receiver, in [0, 1]; 0 for a
+    /// light that it does not know.
     fn pmf(&self, receiver: &R, light: LightId) -> f64;
 }
 
@@ -36,7 +38,8 @@ impl<R: ?Sized, S: LightSampler<R> + ?Sized> LightSampler<R> for &S {
     }
 }
 
-/// One entry of a receiver's short list: the sum of `weight · contribution(light)` estimates the sum over all lights.
+/// One entry of a receiver's short list: the sum of `weight · contribution(light)` estimates the sum over all
+/// lights.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct WeightedLight {
@@ -60,8 +63,8 @@ pub struct SampleRequest {
     pub seed: u32,
     /// Which of many batches with this seed, e.g. the frame or the pass.
     pub index: u32,
-    /// Stream of the first receiver, e.g. its pixel; receiver `i` of the batch has stream `first_stream + i`. So
-    /// a batch that is cut into parts is the same batch.
+    /// Stream of the first receiver, e.g. its pixel; receiver `i` of the batch has stream `first_stream + i`.
+    /// So a batch that is cut into parts is the same batch.
     pub first_stream: u32,
 }
 
@@ -73,8 +76,9 @@ impl Default for SampleRequest {
 
 /// Many receivers at once: CPU threads or one dispatch.
 ///
-/// Contract: row `i` of `out`, `lights_per_receiver` entries long, belongs to `receivers[i]`; entries not used are
-/// [`WeightedLight::NONE`]; the sum of `weight · contribution(light)` over a row estimates the sum over all lights.
+/// Contract: row `i` of `out`, `lights_per_receiver` entries long, belongs to `receivers[i]`; entries not
+/// used are [`WeightedLight::NONE`]; the sum of `weight · contribution(light)` over a row estimates the sum
+/// over all lights.
 pub trait BatchLightSampler {
     /// A point to be lit.
     type Receiver;
@@ -93,9 +97,11 @@ pub trait BatchLightSampler {
     ) -> Result<(), Self::Error>;
 }
 
-/// Any [`LightSampler`] as a [`BatchLightSampler`], receiver by receiver, on all threads with the feature `parallel`.
+/// Any [`LightSampler`] as a [`BatchLightSampler`], receiver by receiver, on all threads with the feature
+/// `parallel`.
 ///
-/// The samples of one receiver are stratified: sample `j` of `n` starts with a random number in `[j/n, (j+1)/n)`.
+/// The samples of one receiver are stratified: sample `j` of `n` starts with a random number in `[j/n,
+/// (j+1)/n)`.
 #[derive(Clone, Copy, Debug)]
 pub struct PerReceiver<S, R> {
     /// The sampler that is asked for each light.

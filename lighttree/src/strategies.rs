@@ -1,7 +1,8 @@
-//! Proptest strategies that aim at trouble: coincident and coplanar lights, lasers and full spheres, opposite axes,
-//! receivers in a box or on its face, grazing views, tiny and huge scenes far from the origin.
+//! Proptest strategies that aim at trouble: coincident and coplanar lights, lasers and full spheres, opposite
+//! axes, receivers in a box or on its face, grazing views, tiny and huge scenes far from the origin.
 //!
-//! All are about as large as the unit cube around the origin; [`Placement`] moves what they give to other scales.
+//! All are about as large as the unit cube around the origin; [`Placement`] moves what they give to other
+//! scales.
 
 use core::f32::consts::PI;
 use core::ops::Range;
@@ -210,7 +211,8 @@ pub fn emitter() -> impl Strategy<Value = AnyEmitter> {
     ]
 }
 
-/// Lights of one scene: scattered, all at one point, in a plane, on a line, or in clusters far smaller than the scene.
+/// Lights of one scene: scattered, all at one point, in a plane, on a line, or in clusters far smaller than
+/// the scene.
 pub fn lights(count: Range<usize>) -> impl Strategy<Value = Vec<LightBounds>> {
     let arrange = select(vec![
         (Vec3::ONE, 1.0f32),

@@ -4,8 +4,8 @@ use glam::{DVec3, Vec3};
 
 /// A box of emitters as it is seen from a receiver: distances, and the directions into the box.
 ///
-/// All in f64, so that neither squares nor differences of f32 coordinates lose anything: scenes of size 1e-20 or
-/// 1e18, or far from the origin, need no special care.
+/// All in f64, so that neither squares nor differences of f32 coordinates lose anything: scenes of size 1e-20
+/// or 1e18, or far from the origin, need no special care.
 #[derive(Clone, Copy, Debug)]
 pub struct Toward {
     /// Smallest coordinates of the box, relative to the receiver.
@@ -55,8 +55,8 @@ impl Toward {
     /// Upper bound, in [-1, 1], of the cosine between `axis` and any direction into the box. 1 where the box
     /// holds the receiver, or where `axis` is zero or not finite. `axis` need not be a unit vector.
     ///
-    /// Where it is positive it is the largest cosine itself, but for rounding (up); it is not positive if and only if
-    /// the whole box is on or below the plane through the receiver across `axis`.
+    /// Where it is positive it is the largest cosine itself, but for rounding (up); it is not positive if and
+    /// only if the whole box is on or below the plane through the receiver across `axis`.
     #[inline]
     pub fn max_cos(&self, axis: Vec3) -> f32 {
         let cos = self.max_cos_f64(axis.as_dvec3());
@@ -64,13 +64,14 @@ impl Toward {
         if f64::from(nearest) < cos { nearest.next_up() } else { nearest }
     }
 
-    /// [`max_cos`](Self::max_cos) to full precision, for lobes so narrow that f32 cosines near 1 are too coarse.
+    /// [`max_cos`](Self::max_cos) to full precision, for lobes so narrow that f32 cosines near 1 are too
+    /// coarse.
     ///
-    /// The point `p` of the box with the largest `n·p/|p|` is the one nearest to `t·n` for `t = |p|²/(n·p)` (the
-    /// Karush-Kuhn-Tucker conditions of that maximum). Once it is known in which coordinates `t·n` lies outside the box, so that `p`
-    /// is at its faces there, `t` has a closed form; so repeat until it stays the same, two or three times
-    /// as a rule. The bound of Walter et al. 2005, from a box around the box in the frame of `n`, is looser and costs as much;
-    /// it remains as the way out.
+    /// The point `p` of the box with the largest `n·p/|p|` is the one nearest to `t·n` for `t = |p|²/(n·p)`
+    /// (the Karush-Kuhn-Tucker conditions of that maximum). Once it is known in which coordinates `t·n` lies
+    /// outside the box, so that `p` is at its faces there, `t` has a closed form; so repeat until it stays
+    /// the same, two or three times as a rule. The bound of Walter et al. 2005, from a box around the box in
+    /// the frame of `n`, is looser and costs as much; it remains as the way out.
     pub fn max_cos_f64(&self, axis: DVec3) -> f64 {
         let squared = axis.length_squared();
         if !(squared > 0.0 && squared < f64::INFINITY) || self.is_inside() {
@@ -84,8 +85,8 @@ impl Toward {
         self.largest_cos(axis, squared).unwrap_or_else(|| self.walter_cos(axis, highest)).min(1.0)
     }
 
-    /// About [`max_cos`](Self::max_cos) at a third of its cost: as if the box were as high as its highest point and as far aside as
-    /// its nearest point. In [0, 1]; positive if and only if `max_cos` is.
+    /// About [`max_cos`](Self::max_cos) at a third of its cost: as if the box were as high as its highest
+    /// point and as far aside as its nearest point. In [0, 1]; positive if and only if `max_cos` is.
     ///
     /// Not a bound, but good enough to weigh nodes by. So does the code that Lin and Yuksel 2020 published.
     #[inline]
@@ -104,8 +105,8 @@ impl Toward {
         highest / (highest * highest + aside).sqrt()
     }
 
-    /// The largest cosine to `n`, whose squared length is given, of a box that does not lie wholly below the horizon; `None`
-    /// if the search has not ended after many rounds.
+    /// The largest cosine to `n`, whose squared length is given, of a box that does not lie wholly below the
+    /// horizon; `None` if the search has not ended after many rounds.
     #[inline]
     fn largest_cos(&self, n: DVec3, n_squared: f64) -> Option<f64> {
         let center = self.low + self.high;
@@ -120,8 +121,8 @@ impl Toward {
             let fixed = DVec3::select(p.cmpne(top), p, DVec3::ZERO);
             let (along, squared) = (n.dot(fixed), fixed.length_squared());
 
-            // The conditions hold for t = squared/along, or for any t where both are 0, as they are where t·n itself is in the
-            // box. The cosine grows with t up to there.
+            // The conditions hold for t = squared/along, or for any t where both are 0, as they are where t·n
+            // itself is in the box. The cosine grows with t up to there.
             let slope = squared - t * along;
             if slope.abs() <= 1e-14 * squared {
                 return Some(n.dot(p) / (n_squared * p.length_squared()).sqrt());
@@ -150,7 +151,7 @@ impl Toward {
         2.0 * leave.max_element()
     }
 
-    /// Walter et al. 2005, "Lightcuts", section 4.1: at most so high, and at least so far from the axis.
+    /// The bound of Walter et al., "Lightcuts", 2005: at most so high, and at least so far from the axis.
     #[cold]
     fn walter_cos(&self, n: DVec3, highest: f64) -> f64 {
         let highest = highest / n.length();

@@ -1,17 +1,20 @@
 //! One light by one walk from the root to a leaf.
 //!
-//! Hierarchical importance sampling: at every node one child is chosen in proportion to what the two may contribute.
-//! Conty Estévez and Kulla 2018; Yuksel, "Stochastic Lightcuts", 2019; Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.2.
+//! Hierarchical importance sampling: at every node one child is chosen in proportion to what the two may
+//! contribute. Conty Estévez and Kulla 2018; Yuksel, "Stochastic Lightcuts", 2019; Lin and Yuksel, "Real-Time
+//! Stochastic Lightcuts", 2020, section 3.2.
 //!
 //! Differs from them:
-//! - The reflectance is the receiver's own ([`Receiver::scatter_importance`]), not only a cosine, and emission counts.
-//! - All in f64, so that no product over- or underflows, whatever the scale. Squared distances are at least (2^-20 of the root's
-//!   diagonal)², so that lights at the receiver leave no 0/0.
-//! - While both children may contribute, neither is less probable than 2^-16: whatever the weights get wrong costs
-//!   variance, not bias.
-//! - Probabilities are rounded to multiples of 2^-32 before they are used, and [`pmf`](TreeSampler) multiplies what was used; random bits do
-//!   not run out ([`Decisions`]).
-//! - No trail of turns is stored with a light: the way down to it is found by item ranges, so depth has no limit.
+//! - The reflectance is the receiver's own ([`Receiver::scatter_importance`]), not only a cosine, and
+//!   emission counts.
+//! - All in f64, so that no product over- or underflows, whatever the scale. Squared distances are at least
+//!   (2^-20 of the root's diagonal)², so that lights at the receiver leave no 0/0.
+//! - While both children may contribute, neither is less probable than 2^-16: whatever the weights get wrong
+//!   costs variance, not bias.
+//! - Probabilities are rounded to multiples of 2^-32 before they are used, and [`pmf`](TreeSampler)
+//!   multiplies what was used; random bits do not run out ([`Decisions`]).
+//! - No trail of turns is stored with a light: the way down to it is found by item ranges, so depth has no
+//!   limit.
 
 use core::ops::Range;
 
@@ -21,8 +24,9 @@ use crate::{BoundTerms, LightHierarchy, LightId, LightSample, LightSampler, Node
 /// How the probabilities of two children follow from their bounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ChildChoice {
-    /// Mean of the probabilities at the nearest and at the farthest distance (Lin and Yuksel 2020, eq. 1 and 2). If the
-    /// receiver is in one box, its near probability is 1; if in both, the near pair ignores distance.
+    /// Mean of the probabilities at the nearest and at the farthest distance (Lin and Yuksel 2020, eq. 1 and
+    /// 2). If the receiver is in one box, its near probability is 1; if in both, the near pair ignores
+    /// distance.
     #[default]
     MinMaxAverage,
     /// Nearest distance; none at all if the receiver is nearer to either box than its diagonal (Yuksel 2019).
@@ -83,8 +87,8 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         self
     }
 
-    /// Chooses among several lights of one leaf in proportion to their intensities, given by light. Without them all lights of a
-    /// leaf are equally probable, for a tree does not know them.
+    /// Chooses among several lights of one leaf in proportion to their intensities, given by light. Without
+    /// them all lights of a leaf are equally probable, for a tree does not know them.
     ///
     /// # Panics
     /// When a light of such a leaf is drawn or asked for, and the slice has no entry for it.
@@ -99,8 +103,8 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         self.tree
     }
 
-    /// [`sample`](LightSampler::sample) from the subtree below `node`, with the probability within it, and how many nodes'
-    /// bounds were looked at.
+    /// [`sample`](LightSampler::sample) from the subtree below `node`, with the probability within it, and
+    /// how many nodes' bounds were looked at.
     pub fn sample_below(
         &self,
         node: NodeId,
@@ -152,8 +156,8 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         (Some(LightSample { light: self.tree.light_at(slot), pmf }), visited)
     }
 
-    /// Calls `each` with every light that can be drawn, in the order of slots, and its probability: one walk over
-    /// the whole tree.
+    /// Calls `each` with every light that can be drawn, in the order of slots, and its probability: one walk
+    /// over the whole tree.
     pub fn for_each_probability(
         &self,
         receiver: &(impl Receiver + ?Sized),

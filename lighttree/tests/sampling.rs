@@ -1,4 +1,5 @@
-//! What must hold of every sampler: the conformance suite, the extremes, and controls that the suite can fail.
+//! What must hold of every sampler: the conformance suite, the extremes, and controls that the suite can
+//! fail.
 
 use glam::Vec3;
 use lighttree::conformance::{
@@ -121,7 +122,8 @@ fn far_away_selection_goes_by_intensity() {
     check_far_away(&PowerSampler::new(&lights).unwrap(), &far, &intensities, 1e-6).unwrap();
 }
 
-/// The same numbers as the exhaustive sampler where a tree has nothing to approximate: two lights, far or near.
+/// The same numbers as the exhaustive sampler where a tree has nothing to approximate: two lights, far or
+/// near.
 #[test]
 fn a_tree_of_two_points_is_as_good_as_looking_at_both() {
     let lights = [
@@ -235,8 +237,8 @@ fn smallest_and_largest_random_number_stay_in_range() {
     }
 }
 
-/// E14: numbers on an even grid of 2^18 reach the leaves of 2^14 lights as often as their probability says, to within one
-/// number each; and so for a grid finer than any f32.
+/// E14: numbers on an even grid of 2^18 reach the leaves of 2^14 lights as often as their probability says,
+/// to within one number each; and so for a grid finer than any f32.
 #[test]
 fn evenly_spaced_numbers_reach_every_leaf_in_proportion() {
     let lights = scattered(1 << 14);
@@ -358,8 +360,8 @@ fn spots_have_importance_wherever_they_shine() {
 proptest! {
     #![proptest_config(config(300))]
 
-    /// E5: wherever the receiver is, also on a light, on a face or in both boxes: probabilities are finite, and every light that
-    /// contributes has one.
+    /// E5: wherever the receiver is, also on a light, on a face or in both boxes: probabilities are finite,
+    /// and every light that contributes has one.
     #[test]
     fn every_light_that_contributes_can_be_drawn(
         (lights, position) in strategies::lights(1..40).prop_flat_map(|lights| {
@@ -385,7 +387,8 @@ proptest! {
     ) {
         let placed: Vec<_> = lights.iter().map(|light| placement.bounds(light)).collect();
         let there = receiver.at(placement.position(receiver.position()));
-        // A box that is flat at one scale must be so at the other, too: rounding may not decide which side of a plane a light is on.
+        // A box that is flat at one scale must be so at the other, too: rounding may not decide which side of
+        // a plane a light is on.
         let ((tree, _), (tree_there, _)) = (trees(&lights), trees(&placed));
         for choice in ChildChoice::ALL {
             for i in 0..lights.len() as u32 {
@@ -417,7 +420,8 @@ fn every_contributor_drawn<T: LightHierarchy>(
     Ok(())
 }
 
-/// E6 to the last digits, where no light lies on a plane that rounding could tip over, nor so near that rounded positions matter.
+/// E6 to the last digits, where no light lies on a plane that rounding could tip over, nor so near that
+/// rounded positions matter.
 #[test]
 fn scales_from_1e_minus_20_to_1e18_agree_to_1e_minus_5() {
     let lights = scattered(200);
@@ -444,7 +448,8 @@ fn scales_from_1e_minus_20_to_1e18_agree_to_1e_minus_5() {
     }
 }
 
-/// E7: a scene of size 1, a million away: coordinates have 1/16 left, and what they round to is sampled as it is.
+/// E7: a scene of size 1, a million away: coordinates have 1/16 left, and what they round to is sampled as it
+/// is.
 #[test]
 fn far_from_the_origin_probabilities_are_those_of_the_rounded_scene() {
     let offset = Vec3::new(1e6, -1e6, 1e6);
@@ -482,8 +487,8 @@ fn batches_conform_and_do_not_depend_on_threads() {
     check_batch(&mut sampler, &receivers, &request, 300, 64, contribution, 0.15).unwrap();
 }
 
-/// E26: a million pairs of a receiver and a group of emitters, point by point: each emitter counts as if all of it were at one of
-/// its points, which is what a bound without more knowledge has to allow for.
+/// E26: a million pairs of a receiver and a group of emitters, point by point: each emitter counts as if all
+/// of it were at one of its points, which is what a bound without more knowledge has to allow for.
 #[test]
 fn a_million_bounds_hold() {
     use lighttree::PointwiseEmitter;

@@ -1,11 +1,14 @@
 //! Diffuse plus a GGX microfacet lobe.
 //!
-//! Walter et al., "Microfacet Models for Refraction through Rough Surfaces", 2007 (distribution D, eq. 33); Heitz,
-//! "Understanding the Masking-Shadowing Function", 2014 (height-correlated Smith, eq. 99); Schlick 1994 (Fresnel).
+//! Walter et al., "Microfacet Models for Refraction through Rough Surfaces", 2007 (distribution D, eq. 33);
+//! Heitz, "Understanding the Masking-Shadowing Function", 2014 (height-correlated Smith, eq. 99); Schlick
+//! 1994 (Fresnel).
 //!
-//! Differs from them: the bound. Over all directions into a box each factor has its largest value in closed form:
-//! - D grows with n·h. If ψ is the angle of the light to the mirrored view, that of h to n is at least ψ/2, since turning a
-//!   mirror by an angle turns what it reflects by at most twice that. So n·h ≤ cos(ψ/2), and the smallest ψ is known.
+//! Differs from them: the bound. Over all directions into a box each factor has its largest value in closed
+//! form:
+//! - D grows with n·h. If ψ is the angle of the light to the mirrored view, that of h to n is at least ψ/2,
+//!   since turning a mirror by an angle turns what it reflects by at most twice that. So n·h ≤ cos(ψ/2), and
+//!   the smallest ψ is known.
 //! - Masking × the light's cosine grows with that cosine.
 //! - Fresnel grows as v·h = cos(γ/2) falls, γ between the view and the light, and the largest γ is known.
 
@@ -29,8 +32,8 @@ pub struct GgxReceiver {
     pub diffuse: f32,
     /// Largest channel of the specular reflectance at normal incidence, in [0, 1]; 0: no lobe at all.
     pub f0: f32,
-    /// GGX's α (the square of what artists call roughness), in (0, 1]. 0 is a perfect mirror: its lobe is a delta, 0 in every
-    /// direction that can be asked for, and left out.
+    /// GGX's α (the square of what artists call roughness), in (0, 1]. 0 is a perfect mirror: its lobe is a
+    /// delta, 0 in every direction that can be asked for, and left out.
     pub alpha: f32,
 }
 

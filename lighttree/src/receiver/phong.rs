@@ -9,8 +9,8 @@ use crate::{Receiver, Toward};
 
 /// Diffuse plus a Phong lobe, normalised so that it reflects `specular` where it does not reach the horizon.
 ///
-/// f = `diffuse`/π + `specular` · (n + 2)/2π · cosⁿ α, α between the light and the mirrored view. Lafortune and Willems, "Using
-/// the Modified Phong Reflectance Model for Physically Based Rendering", 1994, eq. 5.
+/// f = `diffuse`/π + `specular` · (n + 2)/2π · cosⁿ α, α between the light and the mirrored view. Lafortune
+/// and Willems, "Using the Modified Phong Reflectance Model for Physically Based Rendering", 1994.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhongReceiver {
     /// World-space position.

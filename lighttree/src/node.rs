@@ -108,7 +108,8 @@ impl PerfectNode {
             max: Vec3::from_array(self.max),
             axis: Vec3::Z,
             cos_theta_o: -1.0,
-            cos_theta_e: 1.0,
+            // Without effect on any bound; 0 contains every other.
+            cos_theta_e: 0.0,
             two_sided: false,
             intensity: self.intensity,
         }

@@ -204,3 +204,63 @@ pub fn probability(quantized: u32) -> f64 {
 }
 
 const TWO_POW_32: f64 = 4_294_967_296.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pinned, since a GPU has to have the same bits.
+    #[test]
+    fn words_and_decisions_keep_their_bits() {
+        assert_eq!(pcg4d([1, 2, 3, 4]), PINNED_WORDS);
+        let mut random = Decisions::new(Random::new(1, 2, 3));
+        let turns =
+            (0..64u32).fold(0u64, |turns, i| turns << 1 | u64::from(random.choose(0x4000_0000 + (i << 24))));
+        assert_eq!(turns, PINNED_TURNS);
+    }
+
+    const PINNED_WORDS: [u32; 4] = [908_250_390, 4_044_648_920, 3_775_961_919, 45_698_095];
+    const PINNED_TURNS: u64 = 2_308_253_720_413_524_496;
+
+    /// The decoder against the same rule in words of 32 bits with carries by hand, as a shader has to write it.
+    #[test]
+    fn decisions_can_be_had_from_32_bit_words() {
+        let mut ours = Decisions::new(Random::new(9, 9, 9));
+        let mut fresh = Random::new(9, 9, 9);
+        let (mut value, mut last) = ([fresh.u32(), fresh.u32()], [u32::MAX; 2]);
+        let minus = |a: [u32; 2], b: [u32; 2]| {
+            let (low, borrow) = a[1].overflowing_sub(b[1]);
+            [a[0].wrapping_sub(b[0]).wrapping_sub(u32::from(borrow)), low]
+        };
+        for i in 0..10_000u32 {
+            let q = pcg4d([i, 0, 0, 0])[0] >> (i % 20);
+            // (last + 1) · q = last · q + q, in three words, the first on top.
+            let (low, high) = (u64::from(last[1]) * u64::from(q), u64::from(last[0]) * u64::from(q));
+            let low = low + u64::from(q);
+            let high = high + (low >> 32);
+            let (whole, part) = ([(high >> 32) as u32, high as u32], low as u32);
+            let first = match value.cmp(&whole) {
+                core::cmp::Ordering::Less => {
+                    last = minus(whole, [0, 1]);
+                    true
+                }
+                core::cmp::Ordering::Greater => {
+                    value = minus(minus(value, whole), [0, 1]);
+                    last = minus(minus(last, whole), [0, 1]);
+                    false
+                }
+                core::cmp::Ordering::Equal => {
+                    let first = fresh.u32() < part;
+                    (value, last) = ([fresh.u32(), fresh.u32()], [u32::MAX; 2]);
+                    first
+                }
+            };
+            if last[0] == 0 {
+                value = [value[1], fresh.u32()];
+                last = [last[1], u32::MAX];
+            }
+            assert_eq!(ours.choose(q), first, "choice {i}");
+        }
+        assert_eq!(ours.into_stream().u32(), fresh.u32());
+    }
+}

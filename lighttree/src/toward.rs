@@ -85,6 +85,12 @@ impl Toward {
         self.largest_cos(axis, squared).unwrap_or_else(|| self.walter_cos(axis, highest)).min(1.0)
     }
 
+    /// Cosine between the unit vector `axis` and the direction to the centre of the box; 0 where that is the receiver.
+    #[inline]
+    pub fn center_cos(&self, axis: DVec3) -> f64 {
+        axis.dot((self.low + self.high).normalize_or_zero())
+    }
+
     /// About [`max_cos`](Self::max_cos) at a third of its cost: as if the box were as high as its highest
     /// point and as far aside as its nearest point. In [0, 1]; positive if and only if `max_cos` is.
     ///

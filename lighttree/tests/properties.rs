@@ -3,7 +3,8 @@
 use glam::{DVec3, Vec3};
 use lighttree::strategies::{self, AnyReceiver};
 use lighttree::{
-    Cone, Emitter, GeometricBound, LightBounds, NodeBound, PointwiseEmitter, Receiver, Toward, emission_bound,
+    BoundTerms, Cone, Emitter, GeometricBound, LightBounds, NodeBound, PointwiseEmitter, Receiver, Toward,
+    emission_bound,
 };
 use proptest::prelude::*;
 
@@ -163,6 +164,8 @@ proptest! {
         let receiver = receiver.at(from);
         let upper = GeometricBound.bound(&emitter.bounds(), &receiver).upper;
         prop_assert!(upper >= 0.0);
+        let weight = BoundTerms::importance(&emitter.bounds(), &receiver).strength;
+        prop_assert!(weight >= 0.0 && (weight > 0.0) == (upper > 0.0), "an importance of {weight} where the bound is {upper}");
         let truth = contribution(&emitter, &receiver);
         prop_assert!(truth <= upper * (1.0 + 1e-5), "{truth} > {upper}");
     }

@@ -90,20 +90,33 @@ impl Receiver for GgxReceiver {
 
     /// The largest of each factor; they need not be in the same direction.
     fn scatter_bound(&self, toward: &Toward) -> f32 {
-        let (normal, view) = (unit(self.normal), unit(self.view));
-        let cos_light = toward.max_cos_f64(normal);
+        let view = unit(self.view);
+        let cos_light = toward.max_cos_f64(unit(self.normal));
+        round_up(self.at_cosines(toward, cos_light, || -toward.max_cos_f64(-view)))
+    }
+
+    /// The narrow lobe as in the bound, the wide factors roughly.
+    fn scatter_importance(&self, toward: &Toward) -> f32 {
+        let cos_light = toward.rough_max_cos(unit(self.normal));
+        round_up(self.at_cosines(toward, cos_light, || toward.center_cos(unit(self.view))))
+    }
+}
+
+impl GgxReceiver {
+    /// With the largest cosines to the normal and to the mirrored view, and the smallest, γ's, to the view.
+    fn at_cosines(&self, toward: &Toward, cos_light: f64, cos_gamma: impl Fn() -> f64) -> f64 {
         if cos_light <= 0.0 {
             return 0.0;
         }
         let diffuse = f64::from(self.diffuse) * FRAC_1_PI * cos_light;
         if !self.has_lobe() {
-            return round_up(diffuse);
+            return diffuse;
         }
+        let (normal, view) = (unit(self.normal), unit(self.view));
         let cos_psi = if normal == DVec3::ZERO { 1.0 } else { toward.max_cos_f64(mirrored(view, normal)) };
-        let cos_gamma = -toward.max_cos_f64(-view);
         let specular = self.distribution(0.5 * (1.0 + cos_psi), 0.5 * (1.0 - cos_psi))
             * self.masking(cosine(normal, view).max(0.0), cos_light)
-            * self.fresnel((0.5 * (1.0 + cos_gamma)).max(0.0).sqrt());
-        round_up(diffuse + specular)
+            * self.fresnel((0.5 * (1.0 + cos_gamma())).max(0.0).sqrt());
+        diffuse + specular
     }
 }

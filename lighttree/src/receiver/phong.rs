@@ -49,11 +49,20 @@ impl Receiver for PhongReceiver {
 
     /// Largest lobe × largest cosine; they need not be in the same direction.
     fn scatter_bound(&self, toward: &Toward) -> f32 {
-        let normal = unit(self.normal);
-        let cos = toward.max_cos_f64(normal);
+        self.at_cosine(toward, toward.max_cos_f64(unit(self.normal)))
+    }
+
+    /// The narrow lobe as in the bound, the cosine to the normal roughly.
+    fn scatter_importance(&self, toward: &Toward) -> f32 {
+        self.at_cosine(toward, toward.rough_max_cos(unit(self.normal)))
+    }
+}
+
+impl PhongReceiver {
+    fn at_cosine(&self, toward: &Toward, cos: f64) -> f32 {
         if cos <= 0.0 {
             return 0.0;
         }
-        round_up(self.brdf(toward.max_cos_f64(mirrored(unit(self.view), normal))) * cos)
+        round_up(self.brdf(toward.max_cos_f64(mirrored(unit(self.view), unit(self.normal)))) * cos)
     }
 }

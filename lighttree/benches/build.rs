@@ -1,45 +1,119 @@
+//! How long does it take to build a tree, and how does that compare with sorting alone?
+//!
+//! First a table of best-of-n times, all taken in this run, and their ratios; then criterion's statistics.
+//! `LIGHTTREE_BENCH=table` stops after the table. Lights are small surfaces in the unit cube, fixed seed.
+//!
+//! The baseline is the radix sort of the perfect tree's own keys, 30 bits of Morton code above 32 bits of light id. The
+//! standard library's unstable sort of the same array stands beside it, to show that the baseline is a fast one.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use criterion::{BenchmarkId, Criterion, Throughput};
 use glam::Vec3;
 use lighttree::rng::Random;
-use lighttree::*;
-use std::time::Instant;
-fn lights(count: u32, seed: u32) -> Vec<LightBounds> {
-    let mut random = Random::new(seed, 0, 0);
+use lighttree::{BuildParams, LightBounds, LightTree, MortonBits, PerfectTree, sort_keys};
+
+const PRESETS: [(&str, BuildParams); 4] = [
+    ("median", BuildParams::median()),
+    ("saoh", BuildParams::saoh()),
+    ("agglomerative", BuildParams::agglomerative()),
+    ("morton", BuildParams::morton()),
+];
+
+fn lights(count: usize) -> Vec<LightBounds> {
+    let mut random = Random::new(1, 0, 0);
     let mut vec3 = || Vec3::new(random.f32(), random.f32(), random.f32());
-    (0..count)
-        .map(|_| {
-            let p = vec3();
-            LightBounds::surface(
-                p,
-                p + 0.001 * vec3(),
-                (vec3() - 0.5).normalize_or(Vec3::Z),
-                false,
-                vec3().x + 0.1,
-            )
-        })
-        .collect()
+    let light = |_| {
+        let place = vec3();
+        let axis = (vec3() - 0.5).normalize_or(Vec3::Z);
+        LightBounds::surface(place, place + 1e-3 * vec3(), axis, false, 0.1 + vec3().x)
+    };
+    (0..count).map(light).collect()
 }
-fn time<R>(n: u32, mut f: impl FnMut() -> R) -> f64 {
-    (0..n)
-        .map(|_| {
-            let t = Instant::now();
-            std::hint::black_box(f());
-            t.elapsed().as_secs_f64()
-        })
-        .fold(f64::INFINITY, f64::min)
+
+/// Keys as the perfect tree sorts them, but for the code, which is random: no sort here looks at more than the bits.
+fn keys(count: usize) -> Vec<u64> {
+    let mut random = Random::new(3, 0, 0);
+    (0..count as u64).map(|id| u64::from(random.u32() >> 2) << 32 | id).collect()
 }
-fn main() {
-    for count in [100_000u32, 1_000_000] {
-        let l = lights(count, 1);
-        for p in
-            [BuildParams::agglomerative(), BuildParams::saoh(), BuildParams::median(), BuildParams::morton()]
-        {
-            let t = time(3, || LightTree::build(&l, &p).unwrap());
-            println!("{count} {:?} {:.1} ms {:.2} M/s", p.method, t * 1e3, count as f64 / t / 1e6);
+
+/// Least of `n` times, s. What `prepare` does is not counted, nor is dropping the result.
+fn least<I, R>(n: u32, prepare: impl Fn() -> I, run: impl Fn(I) -> R) -> f64 {
+    let once = |_| {
+        let input = prepare();
+        let start = Instant::now();
+        let result = black_box(run(black_box(input)));
+        let time = start.elapsed();
+        drop(result);
+        time
+    };
+    (0..n).map(once).min().unwrap_or(Duration::MAX).as_secs_f64()
+}
+
+fn radix(mut keys: Vec<u64>) -> Vec<u64> {
+    sort_keys(&mut keys, 32, 30);
+    keys
+}
+
+fn unstable(mut keys: Vec<u64>) -> Vec<u64> {
+    keys.sort_unstable();
+    keys
+}
+
+fn table() {
+    eprintln!(
+        "{:>10} {:>14} {:>10} {:>11} {:>15}",
+        "lights", "builder", "ms", "M lights/s", "time ÷ perfect"
+    );
+    for count in [1_000, 10_000, 100_000, 1_000_000, 10_000_000] {
+        let lights = lights(count);
+        let repeats = if count > 1_000_000 { 4 } else { 7 };
+        let perfect = least(repeats, || (), |()| PerfectTree::build(&lights, MortonBits::Thirty));
+        let row = |name: &str, time: f64| {
+            let (rate, ratio) = (count as f64 / time * 1e-6, time / perfect);
+            eprintln!("{count:>10} {name:>14} {:>10.3} {rate:>11.2} {ratio:>15.2}", time * 1e3);
+        };
+        row("perfect", perfect);
+        row("radix sort", least(repeats, || keys(count), radix));
+        row("sort_unstable", least(repeats, || keys(count), unstable));
+        if count <= 1_000_000 {
+            for (name, params) in PRESETS {
+                let repeats = if count > 100_000 { 1 } else { 3 };
+                row(name, least(repeats, || (), |()| LightTree::build(&lights, &params)));
+            }
         }
-        let t = time(5, || PerfectTree::build(&l, MortonBits::Thirty).unwrap());
-        println!("{count} perfect {:.1} ms {:.2} M/s", t * 1e3, count as f64 / t / 1e6);
     }
-    let l = lights(10_000_000, 1);
-    let t = time(3, || PerfectTree::build(&l, MortonBits::Thirty).unwrap());
-    println!("1e7 perfect {:.1} ms {:.2} M/s", t * 1e3, 1e1 / t);
+}
+
+fn statistics(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("build");
+    group.sample_size(10).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_secs(1));
+    for count in [1_000, 10_000, 100_000, 1_000_000] {
+        let lights = lights(count);
+        group.throughput(Throughput::Elements(count as u64));
+        group.bench_function(BenchmarkId::new("perfect", count), |bencher| {
+            bencher.iter_with_large_drop(|| PerfectTree::build(&lights, MortonBits::Thirty));
+        });
+        let keys = keys(count);
+        group.bench_function(BenchmarkId::new("radix sort", count), |bencher| {
+            bencher.iter_with_setup(|| keys.clone(), radix);
+        });
+        for (name, params) in PRESETS {
+            group.bench_function(BenchmarkId::new(name, count), |bencher| {
+                bencher.iter_with_large_drop(|| LightTree::build(&lights, &params));
+            });
+        }
+    }
+    group.finish();
+}
+
+fn main() {
+    table();
+    if std::env::var("LIGHTTREE_BENCH").is_ok_and(|only| only == "table") {
+        return;
+    }
+    let mut criterion = Criterion::default().configure_from_args();
+    statistics(&mut criterion);
+    criterion.final_summary();
 }

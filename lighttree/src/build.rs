@@ -5,7 +5,7 @@ pub(crate) mod emit;
 mod median;
 pub(crate) mod morton;
 pub(crate) mod parallel;
-mod radix;
+pub(crate) mod radix;
 mod saoh;
 pub(crate) mod survey;
 

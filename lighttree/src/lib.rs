@@ -56,6 +56,7 @@ mod walk;
 pub use alias::{AliasTable, PowerSampler, UniformSampler, WeightError};
 pub use bound::{Bound, BoundTerms, GeometricBound, NodeBound, emission_bound};
 pub use bounds::{Cone, LightBounds};
+pub use build::radix::sort_keys;
 pub use build::{BuildError, BuildMethod, BuildParams, MortonBits};
 pub use check::{Malformed, check};
 pub use cut::{Cut, CutError, overlay};

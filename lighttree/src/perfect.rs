@@ -10,7 +10,6 @@
 
 use core::ops::Range;
 
-use bytemuck::Zeroable;
 use glam::Vec3;
 
 use crate::build::{BuildError, MortonBits, emit::ceil_log2, morton, parallel, survey};
@@ -60,23 +59,24 @@ impl PerfectTree {
                 unit: 1.0,
             });
         }
-        let order = morton::order(lights, &survey, bits);
-        let mut slot_of = slots_by_light(&order, lights.len());
-
+        let order: Vec<u32> = bytemuck::cast_vec(morton::order(lights, &survey, bits));
         let depth = ceil_log2(order.len());
         let level_sizes = level_sizes(order.len(), depth);
-        let mut nodes = vec![PerfectNode::zeroed(); level_sizes.iter().sum()];
-        let mut levels = split_by_sizes(&mut nodes, &level_sizes);
-        let unit = survey.intensity_unit();
-        fill(&mut levels, &order, &|light| leaf(&lights[light.0 as usize].bounds(), light, unit));
+        let inner = level_sizes[..depth as usize].iter().sum();
 
-        let inner = nodes.len() - order.len();
-        for (node, slot) in
-            nodes[..inner].iter_mut().zip(slot_of.iter().copied().chain(core::iter::repeat(u32::MAX)))
-        {
-            node.id = slot;
-        }
-        let late_slots = slot_of.split_off(inner.min(slot_of.len()));
+        // The word of every node: inner ones have the slots of the lights, in order, leaves their own light.
+        let mut slots = slots_by_light(&order, lights.len().max(inner));
+        let mut late_slots = slots.split_off(inner);
+        late_slots.truncate(lights.len().saturating_sub(inner));
+        let mut words = split_by_sizes(&*slots, &level_sizes[..depth as usize], <[u32]>::split_at);
+        words.push(&*order);
+
+        // Fresh pages come zeroed; first touched where they are filled, by all threads.
+        let mut nodes = bytemuck::zeroed_vec(inner + order.len());
+        let parts = split_by_sizes(&mut *nodes, &level_sizes, <[PerfectNode]>::split_at_mut);
+        let mut levels: Vec<Level<'_>> = parts.into_iter().zip(words).collect();
+        let unit = survey.intensity_unit();
+        fill(&mut levels, &|light| leaf(&lights[light as usize].bounds(), light, unit));
 
         let starts = level_sizes.iter().scan(0u32, |start, &size| {
             *start += size as u32;
@@ -134,13 +134,22 @@ impl PerfectTree {
     /// Takes new bounds of every light, and from them those of every node.
     pub(crate) fn refit_nodes(&mut self, unit: f64, bounds: impl Fn(LightId) -> LightBounds) {
         self.unit = unit;
-        let sizes = level_sizes(self.len(), self.depth);
-        let mut levels =
-            split_by_sizes(&mut self.nodes, &sizes[..if self.len == 0 { 0 } else { sizes.len() }]);
-        for node in levels.last_mut().into_iter().flat_map(|leaves| leaves.iter_mut()) {
-            *node = leaf(&bounds(LightId(node.id)), LightId(node.id), unit);
+        if self.is_empty() {
+            return;
         }
-        fill_inner(&mut levels);
+        let inner = self.inner();
+        for node in &mut self.nodes[inner..] {
+            *node = leaf(&bounds(LightId(node.id)), node.id, unit);
+        }
+        let sizes = level_sizes(self.len(), self.depth);
+        let mut levels = split_by_sizes(&mut *self.nodes, &sizes, <[PerfectNode]>::split_at_mut);
+        let mut children: &[PerfectNode] = levels.pop().unwrap_or_default();
+        for level in levels.into_iter().rev() {
+            for (node, children) in level.iter_mut().zip(children.chunks(2)) {
+                *node = parent(children, node.id);
+            }
+            children = level;
+        }
     }
 
     /// Nodes that are not leaves; they come first.
@@ -156,12 +165,19 @@ impl PerfectTree {
     }
 }
 
-/// The slot of every light, `u32::MAX` for those without.
-fn slots_by_light(order: &[LightId], lights: usize) -> Vec<u32> {
-    let mut slots = vec![u32::MAX; lights];
-    for (light, slot) in order.iter().zip(0..) {
-        slots[light.0 as usize] = slot;
-    }
+/// The slot of every light, `u32::MAX` for those without; at least `len` of them.
+fn slots_by_light(order: &[u32], len: usize) -> Vec<u32> {
+    let mut slots = vec![u32::MAX; len];
+    // Every thread reads the whole order, and writes the slots of its own lights.
+    let part = len.div_ceil(parallel::threads().min(8)).max(1 << 16);
+    parallel::map(slots.chunks_mut(part).enumerate().collect(), |(i, slots): (usize, &mut [u32])| {
+        let first = i * part;
+        for (&light, slot) in order.iter().zip(0..) {
+            if let Some(entry) = (light as usize).checked_sub(first).and_then(|light| slots.get_mut(light)) {
+                *entry = slot;
+            }
+        }
+    });
     slots
 }
 
@@ -170,78 +186,75 @@ fn level_sizes(len: usize, depth: u32) -> Vec<usize> {
     (0..=depth).map(|d| len.div_ceil(1 << (depth - d))).collect()
 }
 
-fn split_by_sizes<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
-    let mut parts = Vec::with_capacity(sizes.len());
+fn split_by_sizes<T>(all: T, sizes: &[usize], split_at: impl Fn(T, usize) -> (T, T)) -> Vec<T> {
+    let mut parts = Vec::with_capacity(sizes.len() + 1);
+    let mut rest = all;
     for &size in sizes {
-        let (part, tail) = rest.split_at_mut(size);
+        let (part, tail) = split_at(rest, size);
         parts.push(part);
         rest = tail;
     }
     parts
 }
 
-/// Fills the levels of one subtree, its root's first, over the lights in `order`.
-fn fill(
-    levels: &mut [&mut [PerfectNode]],
-    order: &[LightId],
-    leaf: &(impl Fn(LightId) -> PerfectNode + Sync),
-) {
+/// The nodes of one subtree at one depth, and the word that each is to have.
+type Level<'a> = (&'a mut [PerfectNode], &'a [u32]);
+
+/// Fills the levels of one subtree, its root's first.
+fn fill(levels: &mut [Level<'_>], leaf: &(impl Fn(u32) -> PerfectNode + Sync)) {
     if levels.len() <= SERIAL_LEVELS {
-        fill_serial(levels, order, leaf);
+        fill_serial(levels, leaf);
         return;
     }
     let Some((root, below)) = levels.split_first_mut() else { return };
     let half = 1 << (below.len() - 1);
-    if order.len() <= half {
-        fill(below, order, leaf);
+    let leaves = below.last().map_or(0, |(nodes, _)| nodes.len());
+    if leaves <= half {
+        fill(below, leaf);
     } else {
-        let split = |(d, level): (usize, _)| <[_]>::split_at_mut(level, 1_usize << d);
-        let (mut left, mut right): (Vec<_>, Vec<_>) =
-            below.iter_mut().map(|level| &mut **level).enumerate().map(split).unzip();
-        let (order_left, order_right) = order.split_at(half);
-        parallel::join(|| fill(&mut left, order_left, leaf), || fill(&mut right, order_right, leaf));
+        let (mut left, mut right): (Vec<_>, Vec<_>) = below.iter_mut().enumerate().map(split_level).unzip();
+        parallel::join(|| fill(&mut left, leaf), || fill(&mut right, leaf));
     }
-    root[0] = parent(below[0]);
+    root.0[0] = parent(below[0].0, root.1[0]);
 }
 
-fn fill_serial(levels: &mut [&mut [PerfectNode]], order: &[LightId], leaf: &impl Fn(LightId) -> PerfectNode) {
-    if let Some(leaves) = levels.last_mut() {
-        for (node, &light) in leaves.iter_mut().zip(order) {
-            *node = leaf(light);
-        }
-    }
-    fill_inner(levels);
+/// One level, at depth `d` below two siblings, as that below the left and that below the right one.
+fn split_level<'a>((d, (nodes, words)): (usize, &'a mut Level<'_>)) -> (Level<'a>, Level<'a>) {
+    let (nodes, words) = (nodes.split_at_mut(1 << d), words.split_at(1 << d));
+    ((nodes.0, words.0), (nodes.1, words.1))
 }
 
-/// Bounds of all levels but the last from those below; ids are kept.
-fn fill_inner(levels: &mut [&mut [PerfectNode]]) {
-    let Some((leaves, inner)) = levels.split_last_mut() else { return };
+fn fill_serial(levels: &mut [Level<'_>], leaf: &impl Fn(u32) -> PerfectNode) {
+    let Some(((leaves, lights), inner)) = levels.split_last_mut() else { return };
+    for (node, &light) in leaves.iter_mut().zip(*lights) {
+        *node = leaf(light);
+    }
     let mut children: &[PerfectNode] = leaves;
-    for level in inner.iter_mut().rev() {
-        for (node, children) in level.iter_mut().zip(children.chunks(2)) {
-            *node = PerfectNode { id: node.id, ..parent(children) };
+    for (level, words) in inner.iter_mut().rev() {
+        for ((node, children), &word) in level.iter_mut().zip(children.chunks(2)).zip(*words) {
+            *node = parent(children, word);
         }
         children = level;
     }
 }
 
-fn leaf(bounds: &LightBounds, light: LightId, unit: f64) -> PerfectNode {
+fn leaf(bounds: &LightBounds, light: u32, unit: f64) -> PerfectNode {
     PerfectNode {
         min: bounds.min.to_array(),
         intensity: survey::in_units(bounds.intensity, unit),
         max: bounds.max.to_array(),
-        id: light.0,
+        id: light,
     }
 }
 
 /// Box and intensity of one or two children together.
-fn parent(children: &[PerfectNode]) -> PerfectNode {
-    let &[a, b] = children else { return PerfectNode { id: u32::MAX, ..children[0] } };
+fn parent(children: &[PerfectNode], id: u32) -> PerfectNode {
+    let &[a, b] = children else { return PerfectNode { id, ..children[0] } };
     PerfectNode {
         min: Vec3::from_array(a.min).min(Vec3::from_array(b.min)).to_array(),
         intensity: a.intensity + b.intensity,
         max: Vec3::from_array(a.max).max(Vec3::from_array(b.max)).to_array(),
-        id: u32::MAX,
+        id,
     }
 }
 

@@ -66,6 +66,18 @@ fn keyed<E: Emitter + Sync, K: Copy + Default + Send>(
         // No extent: infinite scale, times zero: NaN, which becomes cell 0. The far edge becomes the last cell.
         ((center - survey.min) * scale).to_array().map(|c| (c as u32).min(cells - 1))
     };
+    if survey.dropped == 0 {
+        // One key a light: no need to find out where each part's go.
+        let mut keys = vec![K::default(); lights.len()];
+        let part = lights.len().div_ceil(4 * parallel::threads()).max(1 << 12);
+        let parts = keys.chunks_mut(part).zip(lights.chunks(part)).zip((0..).step_by(part));
+        parallel::map(parts.collect(), |((keys, lights), first): ((&mut [K], &[E]), u32)| {
+            for ((slot, light), index) in keys.iter_mut().zip(lights).zip(first..) {
+                *slot = key(cell(half_center(&light.bounds())), index);
+            }
+        });
+        return keys;
+    }
     let parts = parallel::map(survey::chunks(lights.len()), |range| {
         let mut keys = Vec::with_capacity(range.len());
         for index in range {

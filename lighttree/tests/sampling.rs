@@ -76,6 +76,23 @@ fn tree_samplers_conform_in_every_mode() {
     }
 }
 
+/// Whoever built the tree: contiguous slots, bounds that contain, and a walk that conforms.
+#[test]
+fn trees_of_all_builders_conform() {
+    let lights = scattered(MILLION.lights);
+    let receiver = floor_receiver(Vec3::new(0.4, 0.6, 0.2));
+    let contribution = |light: LightId| point_contribution(&lights[light.0 as usize], &receiver);
+    let check = SamplerCheck { samples: 100_000, ..MILLION };
+    for params in
+        [BuildParams::median(), BuildParams::saoh(), BuildParams::agglomerative(), BuildParams::morton()]
+    {
+        let tree = LightTree::build(&lights, &params).expect("valid lights");
+        check_hierarchy(&tree).unwrap_or_else(|e| panic!("{params:?}: {e}"));
+        check_sampler(&TreeSampler::new(&tree), &receiver, contribution, &check)
+            .unwrap_or_else(|e| panic!("{params:?}: {e}"));
+    }
+}
+
 #[test]
 fn samplers_without_a_tree_conform() {
     let lights = scattered(MILLION.lights);
@@ -89,6 +106,32 @@ fn samplers_without_a_tree_conform() {
     let report = check_sampler(&by_contribution, &receiver, contribution, &few).unwrap();
     assert!(report.standard_error < 1e-6 * report.mean, "in proportion to the contribution nothing varies");
     check_sampler(&exhaustive::by_bound(&lights), &receiver, contribution, &few).unwrap();
+}
+
+/// E8 and E12: intensities from the smallest to the largest that f32 has, positions each twelve times
+/// nearer to the origin than the last. Every light has a probability, reported as asked, and they sum to 1.
+#[test]
+fn intensities_and_distances_of_many_decades_keep_their_probability() {
+    let chain: Vec<_> = (0..30)
+        .map(|i| LightBounds::point(Vec3::X * 12.0f32.powi(-i), 10.0f32.powi((i * 7) % 75 - 37)))
+        .collect();
+    let (tree, perfect) = trees(&chain);
+    for position in [Vec3::ZERO, Vec3::new(1e-9, 0.0, 1e-10), Vec3::new(0.5, 3.0, -1.0)] {
+        let smoke = LambertReceiver { position, normal: Vec3::ZERO, albedo: 1.0 };
+        for choice in ChildChoice::ALL {
+            let sampler = TreeSampler::new(&tree).with_choice(choice);
+            let of_tree = Distribution::of_tree(&sampler, &smoke);
+            let of_perfect = Distribution::of_tree(&TreeSampler::new(&perfect).with_choice(choice), &smoke);
+            for distribution in [&of_tree, &of_perfect] {
+                assert_eq!(distribution.samples().len(), chain.len());
+                assert!((distribution.total() - 1.0).abs() < 1e-12);
+            }
+            for i in 0..1000 {
+                let sample = sampler.sample(&smoke, &mut decisions(4, i)).expect("all contribute");
+                assert_eq!(sample.pmf, sampler.pmf(&smoke, sample.light));
+            }
+        }
+    }
 }
 
 /// A leaf of several lights: by intensity if they are given, otherwise all alike.

@@ -132,7 +132,7 @@ fn widened_cos(bounds: &LightBounds, decoded: Vec3) -> f64 {
     }
     let (a, b) = (bounds.axis.as_dvec3(), decoded.as_dvec3());
     let (sine, cosine) = (a.cross(b).length(), a.dot(b));
-    let length = sine.hypot(cosine);
+    let length = (sine * sine + cosine * cosine).sqrt();
     let (sine, cosine) = (sine / length, cosine / length);
     if cos_o <= -cosine {
         return -1.0;

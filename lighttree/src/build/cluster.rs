@@ -32,7 +32,7 @@ const NONE: u32 = u32::MAX;
 const PART: usize = 256;
 
 /// Clusters that a search compares on either side.
-const RADIUS: usize = 16;
+const RADIUS: usize = 10;
 
 /// The finished hierarchy: which clusters were joined. Cluster `i` below the number of lights is the light at place
 /// `i`; the others are the unions in the order they were made.

@@ -82,7 +82,7 @@ pub(crate) struct LookArgs {
     pub(crate) bounces: u32,
 
     /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "960x540", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = size)]
     pub(crate) size: (u32, u32),
 
     /// Seed of every random number: the same seed gives the same picture, bit for bit

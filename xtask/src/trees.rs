@@ -10,14 +10,14 @@ use lighttree::{
 use crate::settings::{Key, Range as KeyRange};
 
 /// Names of the builders, as `--set builder=` takes them.
-pub(crate) const BUILDERS: [&str; 4] = ["saoh", "median", "morton", "perfect"];
+pub(crate) const BUILDERS: [&str; 5] = ["saoh", "agglomerative", "median", "morton", "perfect"];
 
 /// The key that every method with a tree has.
 pub(crate) const BUILDER: Key = Key {
     name: "builder",
     default: "saoh",
     range: KeyRange::OneOf(&BUILDERS),
-    trades: "how lights are clustered: saoh has the tightest clusters and the slowest build, then median and morton; perfect builds fastest and keeps no orientations",
+    trades: "how lights are clustered: agglomerative has the tightest clusters and the slowest build, then saoh, median, morton; perfect builds fastest and keeps no orientations",
 };
 
 /// A built light tree of either layout.
@@ -39,6 +39,7 @@ impl Tree {
     pub(crate) fn build(builder: &str, lights: &[impl Emitter + Sync]) -> Result<Self, BuildError> {
         let params = match builder {
             "saoh" => BuildParams::saoh(),
+            "agglomerative" => BuildParams::agglomerative(),
             "median" => BuildParams::median(),
             "morton" => BuildParams::morton(),
             "perfect" => return PerfectTree::build(lights, MortonBits::SixtyThree).map(Self::Perfect),

@@ -215,7 +215,7 @@ fn lamp_material(class: usize) -> Material {
 
 /// One in the street, one above the roofs.
 fn cameras(scene: &mut Scene, blocks: usize) {
-    let eye = Vec3::new(2.4, 1.9, 0.46 * PITCH);
+    let eye = Vec3::new(0.8, 1.9, 0.5 * PITCH);
     scene.cameras.push(Camera::look_at("street", eye, Vec3::new(-1.2, 7.5, -PITCH), Vec3::Y, 1.15));
     let far = 0.5 * PITCH * blocks.min(16) as f32;
     let eye = Vec3::new(0.7 * far, 75.0, far + 30.0);

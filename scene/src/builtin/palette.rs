@@ -17,8 +17,8 @@ pub(super) fn hue(turns: f32) -> Vec3 {
         let x = (turns + offset).rem_euclid(1.0);
         (2.0 - (6.0 * x - 3.0).abs()).clamp(0.0, 1.0)
     };
-    (Vec3::ONE - Vec3::new(channel(0.5), channel(0.5 - 1.0 / 3.0), channel(0.5 - 2.0 / 3.0)))
-        .max(Vec3::splat(0.06))
+    let color = Vec3::new(channel(0.5), channel(0.5 - 1.0 / 3.0), channel(0.5 - 2.0 / 3.0));
+    color.max(Vec3::splat(0.06))
 }
 
 /// A log-normal number of median 1 whose logarithm has standard deviation `sigma` (Box and Muller 1958).
@@ -33,5 +33,30 @@ pub(super) fn share_out(total: f32, strengths: &mut [Vec3]) {
     let scale = (f64::from(total) / sum) as f32;
     for strength in strengths {
         *strength *= scale;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hues_are_where_they_are_said_to_be() {
+        let strong = |turns: f32| hue(turns).to_array().map(|channel| channel > 0.5);
+        assert_eq!(strong(0.0), [true, false, false]);
+        assert_eq!(strong(1.0 / 6.0), [true, true, false]);
+        assert_eq!(strong(1.0 / 3.0), [false, true, false]);
+        assert_eq!(strong(2.0 / 3.0), [false, false, true]);
+        assert_eq!(hue(1.25), hue(0.25));
+    }
+
+    #[test]
+    fn log_normal_has_median_one_and_the_spread_asked_for() {
+        let mut random = Random::new(3, 0, 0);
+        let logs: Vec<f64> = (0..20_000).map(|_| f64::from(log_normal(&mut random, 0.7).ln())).collect();
+        let mean = logs.iter().sum::<f64>() / logs.len() as f64;
+        let variance = logs.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / logs.len() as f64;
+        // Five standard errors.
+        assert!(mean.abs() < 0.025 && (variance.sqrt() - 0.7).abs() < 0.02, "{mean} {variance}");
     }
 }

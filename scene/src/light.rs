@@ -241,6 +241,9 @@ fn uniform_barycentric([u, v]: [f32; 2]) -> [f32; 3] {
 /// Position and radiance at a point of a triangle whose material has an emissive texture. In the mesh's own vertex
 /// order, because a mirrored instance's light has the other.
 fn textured_emission(scene: &Scene, instance: u32, triangle: u32, weights: [f32; 3]) -> Option<(Vec3, Vec3)> {
+    if scene.textures.is_empty() {
+        return None;
+    }
     let instance = scene.instances.get(instance as usize)?;
     let mesh = &scene.meshes[instance.mesh as usize];
     let material = &scene.materials[mesh.material as usize];

@@ -193,7 +193,7 @@ impl<P: Progress> Shot<'_, P> {
 fn say_what_was_lost(report: &WalkReport) {
     if report.deposited_glossy > 0.0 {
         eprintln!(
-            "note: {:.0} % of the light that paths bring arrives on glossy surfaces; virtual lights stand for its diffuse part alone",
+            "note: {:.0} % of the light that paths bring arrives on surfaces that have a glossy lobe as well; virtual lights stand for their diffuse part alone",
             100.0 * report.deposited_glossy / report.deposited
         );
     }

@@ -112,23 +112,22 @@ macro_rules! group_kernel {
                 let which = &bins[octant][..fill[octant]];
                 fill[octant] = 0;
 
-                // Leave out what can hit nothing or isn't at the common t.
-                let (mut rays, mut index, mut n) = ([Traced::default(); GROUP], [0u32; GROUP], 0);
+                // A few cost less one by one, and so do those whose `t` had to be scaled.
+                let Scratch { single, group: stack, bundle, .. } = scratch;
+                let (mut index, mut n) = ([0u32; GROUP], 0);
                 for &j in which {
                     let segment = Segment { from, to: targets[j as usize] };
                     match Traced::segment(&segment, &bvh.scale) {
                         Some(ray) if which.len() >= FEW && ray.t_max == 1.0 => {
-                            (rays[n], index[n]) = (ray, j);
+                            (bundle[n], index[n]) = (ray, j);
                             n += 1;
                         }
-                        Some(ray) => {
-                            occluded[j as usize] = blocker(bvh, &ray, filter, &mut scratch.single).is_some();
-                        }
+                        Some(ray) => occluded[j as usize] = blocker(bvh, &ray, filter, single).is_some(),
                         None => occluded[j as usize] = false,
                     }
                 }
                 if n > 0 {
-                    let blocked = group(bvh, &rays[..n], filter, &mut scratch.group);
+                    let blocked = group(bvh, &bundle[..n], filter, stack);
                     for (k, &j) in index[..n].iter().enumerate() {
                         occluded[j as usize] = blocked >> k & 1 != 0;
                     }

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use lighttree::{Ray, Segment};
 
+use super::group::GROUP;
 use super::node::STACK;
 
 /// How far slabs are padded, in units of the rounding of the largest coordinate: the subtractions, products and
@@ -17,13 +18,21 @@ pub struct Scratch {
     pub(super) single: [u32; STACK],
     pub(super) near: [(u32, f32); STACK],
     pub(super) group: [(u32, u64); STACK],
+    /// Rays that walk together.
+    pub(super) bundle: [Traced; GROUP],
     /// Of the tree over instances, while another is used inside a mesh.
     pub(super) top: [(u32, f32); STACK],
 }
 
 impl Default for Scratch {
     fn default() -> Self {
-        Self { single: [0; STACK], near: [(0, 0.0); STACK], group: [(0, 0); STACK], top: [(0, 0.0); STACK] }
+        Self {
+            single: [0; STACK],
+            near: [(0, 0.0); STACK],
+            group: [(0, 0); STACK],
+            bundle: [Traced::default(); GROUP],
+            top: [(0, 0.0); STACK],
+        }
     }
 }
 

@@ -4,14 +4,14 @@ use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use crate::{Instance, Mesh, Scene};
 
-/// Rounding of the triangle test and of a stored position, in units of the rounding of the largest coordinate: how far from
-/// a triangle's plane, along its normal, a point computed on it may look to a ray that leaves it.
-///
-/// Translating, shearing and interpolating take 11 roundings of numbers up to twice the largest coordinate, the stored
-/// position one; the offset itself rounds once more.
-const OFFSET_ROUNDINGS: f32 = 24.0;
-/// The same for two levels, whose rays are brought into the mesh's space and rounded there.
-const OFFSET_ROUNDINGS_TWO_LEVEL: f32 = 48.0;
+/// Roundings that a point on a triangle and a ray that leaves it may be off by together, in units of [`f32::EPSILON`] times
+/// coordinate plus length times slenderness (see [`Surface::error`]). Over 20 million rays from triangles
+/// of slenderness 1 to 10⁵, near the origin and far from it, one unit was always enough.
+const ROUNDINGS: f32 = 2.0;
+/// The same for two levels, whose rays are rounded once more in the mesh's space; two units were always enough.
+const ROUNDINGS_TWO_LEVEL: f32 = 4.0;
+/// Slenderness beyond which errors no longer grow with it: they end at a fraction of the triangle's own length.
+const MOST_SLENDER: f64 = 1e4;
 
 /// A point on a triangle of a scene, in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,8 +35,10 @@ pub struct Surface {
     pub triangle: u32,
     /// Seen from its front.
     pub front: bool,
-    /// Upper bound of the distance along `geometric_normal` by which rounding may have moved the point off its triangle,
-    /// or the triangle off the point, in the scene's length unit. Proportional to the triangle's largest coordinate.
+    /// Upper bound of the distance along `geometric_normal` by which rounding may have moved the point off its triangle, or
+    /// may let a ray that leaves it think so; in the scene's length unit. In proportion to the triangle's largest
+    /// coordinate, for that is what positions round by, plus its longest edge times its slenderness (longest edge by
+    /// height), for in thin triangles the test's weights are ill conditioned.
     pub error: f32,
 }
 
@@ -143,7 +145,7 @@ impl Surfaces {
             instance,
             triangle,
             front: geometric_normal.dot(toward) >= 0.0,
-            error: self.error_of(mesh, placed, indices, &corners),
+            error: self.error_of(mesh, placed, indices, &corners, cross),
         }
     }
 
@@ -152,19 +154,35 @@ impl Surfaces {
         let placed = &scene.instances[instance as usize];
         let mesh = &scene.meshes[placed.mesh as usize];
         let indices = mesh.triangles[triangle as usize];
-        self.error_of(mesh, placed, indices, &world_triangle(mesh, placed, indices))
+        let corners = world_triangle(mesh, placed, indices);
+        let [a, b, c] = corners.map(|p| p.as_dvec3());
+        self.error_of(mesh, placed, indices, &corners, (b - a).cross(c - a))
     }
 
-    fn error_of(&self, mesh: &Mesh, instance: &Instance, indices: [u32; 3], corners: &[Vec3; 3]) -> f32 {
+    /// `cross` is that of two edges.
+    fn error_of(
+        &self,
+        mesh: &Mesh,
+        instance: &Instance,
+        indices: [u32; 3],
+        corners: &[Vec3; 3],
+        cross: DVec3,
+    ) -> f32 {
         let largest = |points: [Vec3; 3]| points.iter().fold(Vec3::ZERO, |m, p| m.max(p.abs()));
-        if !self.two_level {
-            return OFFSET_ROUNDINGS * 0.5 * f32::EPSILON * largest(*corners).max_element();
-        }
-        // Coordinates in the mesh's space may be larger than the sum that the map makes of them.
-        let local = largest(indices.map(|v| mesh.positions[v as usize]));
-        let to_world = instance.to_world;
-        let size = Mat3::from(to_world.matrix3).abs() * local + Vec3::from(to_world.translation.abs());
-        OFFSET_ROUNDINGS_TWO_LEVEL * 0.5 * f32::EPSILON * size.max_element()
+        let (roundings, coordinate) = if self.two_level {
+            // Coordinates in the mesh's space may be larger than the sum that the map makes of them.
+            let local = largest(indices.map(|v| mesh.positions[v as usize]));
+            let to_world = instance.to_world;
+            let size = Mat3::from(to_world.matrix3).abs() * local + Vec3::from(to_world.translation.abs());
+            (ROUNDINGS_TWO_LEVEL, size.max_element())
+        } else {
+            (ROUNDINGS, largest(*corners).max_element())
+        };
+        let [a, b, c] = corners.map(|p| p.as_dvec3());
+        let squared = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+        // Longest edge by height; not a number without area, where `min` takes the other.
+        let slenderness = (squared / cross.length()).min(MOST_SLENDER);
+        roundings * f32::EPSILON * (coordinate + (squared.sqrt() * slenderness) as f32)
     }
 }
 

@@ -15,6 +15,7 @@ struct AnyTree {
 }
 
 impl AnyTree {
+    #[expect(clippy::single_range_in_vec_init, reason = "a list of ranges that begins with the root's")]
     fn new(items: u32, seed: u32) -> Self {
         let mut tree = Self { children: vec![0..0], items: vec![0..items] };
         let mut open = if items > 0 { vec![0usize] } else { vec![] };

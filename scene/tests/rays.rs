@@ -37,7 +37,7 @@ fn sphere(subdivisions: u32, scale: f32, offset: f32) -> Vec<Triangle> {
 
 /// A point of a triangle: a vertex, on an edge, inside, in turn.
 fn target(t: &Triangle, i: usize, dice: &mut Dice) -> Vec3 {
-    let u = if i % 3 > 0 { dice.unit() } else { 0.0 };
+    let u = if i.is_multiple_of(3) { 0.0 } else { dice.unit() };
     let v = if i % 3 > 1 { dice.unit() * (1.0 - u) } else { 0.0 };
     t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v
 }

@@ -4,7 +4,7 @@
 //! Lin and Yuksel's cut of a fixed size ("Real-Time Stochastic Lightcuts", 2020, section 3) is the same with a tolerance
 //! of zero.
 
-use core::{cmp::Ordering, ops::Range};
+use core::{cmp::Reverse, ops::Range};
 use std::collections::BinaryHeap;
 
 use crate::{Cut, ItemRanges, NodeId};
@@ -65,9 +65,9 @@ impl<V> CutSelector<V> {
             self.heap.push(Entry::new(error, root, 0));
         }
         while let Some(worst) = self.heap.peek() {
-            let children = tree.children(worst.node);
+            let children = tree.children(worst.node.0);
             let fits = self.heap.len() - 1 + children.len() <= max_nodes;
-            if worst.error <= policy.tolerance() || children.is_empty() || !fits {
+            if worst.error() <= policy.tolerance() || children.is_empty() || !fits {
                 break;
             }
             let Some(parent) = self.heap.pop() else { break };
@@ -78,13 +78,13 @@ impl<V> CutSelector<V> {
     /// The nodes of the last [`refine`](Self::refine) with value and error, in no particular order: for
     /// callers that only sum up.
     pub fn unordered(&self) -> impl ExactSizeIterator<Item = (NodeId, &V, f64)> {
-        self.heap.iter().map(|e| (e.node, &self.values[e.at as usize], e.error))
+        self.heap.iter().map(|e| (e.node.0, &self.values[e.at as usize], e.error()))
     }
 
     /// Moves the nodes of the last [`refine`](Self::refine) into `cut`, left to right, which costs a sort.
     pub fn drain_into<T: ItemRanges + ?Sized>(&mut self, tree: &T, cut: &mut Cut<V>) {
         self.order.clear();
-        self.order.extend(self.heap.drain().map(|e| (tree.items(e.node).start, e.at, e.node)));
+        self.order.extend(self.heap.drain().map(|e| (tree.items(e.node.0).start, e.at, e.node.0)));
         self.order.sort_unstable();
         // Permute in place: what belongs to place i may have been swapped away by an earlier place.
         for i in 0..self.order.len() {
@@ -104,7 +104,7 @@ impl<V> CutSelector<V> {
     /// Replaces a node, which is off the heap already, by its children; the last of them takes its place.
     fn split<P: CutPolicy<Value = V>>(&mut self, policy: &mut P, parent: &Entry, children: Range<u32>) {
         let at = parent.at as usize;
-        policy.leave(parent.node, &self.values[at]);
+        policy.leave(parent.node.0, &self.values[at]);
         let last = children.end - 1;
         for child in children {
             let (value, error) = policy.enter(NodeId(child), Some(&self.values[at]));
@@ -132,10 +132,11 @@ where
     cut
 }
 
-#[derive(Clone, Copy, Debug)]
+/// Ordered by error, then by node from high to low: bits of non-negative floats order as they do, in one comparison of integers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Entry {
-    error: f64,
-    node: NodeId,
+    error_bits: u64,
+    node: Reverse<NodeId>,
     at: u32,
 }
 
@@ -146,26 +147,11 @@ impl Entry {
             "the error of node {} is {error}, which is no number or negative",
             node.0
         );
-        Self { error, node, at }
+        // Adding 0 turns -0 into 0.
+        Self { error_bits: (error + 0.0).to_bits(), node: Reverse(node), at }
+    }
+
+    fn error(&self) -> f64 {
+        f64::from_bits(self.error_bits)
     }
 }
-
-impl Ord for Entry {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.error.total_cmp(&other.error).then(other.node.cmp(&self.node))
-    }
-}
-
-impl PartialOrd for Entry {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Entry {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other).is_eq()
-    }
-}
-
-impl Eq for Entry {}

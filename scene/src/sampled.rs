@@ -52,10 +52,12 @@ impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> DirectLighting<Q> for Sa
     ) {
         for (index, point) in points.iter().enumerate() {
             let mut random = point.random(frame.seed, Purpose::Lights);
+            // 2⁶⁴ ÷ samples but for rounding: a product is cheaper than a division of 128 bits for each sample.
+            let stratum = u64::MAX / u64::from(self.samples.max(1));
             for k in 0..self.samples {
                 // Draw a light and a point on it.
-                let first =
-                    ((u128::from(k) << 64 | u128::from(random.u64())) / u128::from(self.samples)) as u64;
+                let within = (u128::from(random.u64()) * u128::from(stratum)) >> 64;
+                let first = u64::from(k) * stratum + within as u64;
                 let mut decisions = Decisions::starting_with(first, random);
                 let sample = self.sampler.sample(point, &mut decisions);
                 random = decisions.into_stream();

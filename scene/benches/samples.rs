@@ -14,8 +14,8 @@ use lighttree::{
     BuildParams, LightTree, PowerSampler, Ray, RayHit, RayQueries, Segment, TreeSampler, UniformSampler,
 };
 use scene::{
-    BruteForce, Counts, DirectLighting, Frame, Geometry, RayScratch, Sampled, Scene, SceneRays, ShadingPoint, Surface,
-    TILE, builtin, camera_path,
+    BruteForce, Counts, DirectLighting, Frame, Geometry, RayScratch, Sampled, Scene, SceneRays, ShadingPoint,
+    Surface, TILE, builtin, camera_path,
 };
 
 /// Writes down the segments that a method asks about.
@@ -85,8 +85,14 @@ fn raw(rays: &SceneRays, segments: &[Segment], scratch: &mut RayScratch) -> usiz
     segments.iter().filter(|segment| rays.occluded(segment, scratch)).count()
 }
 
-fn measure<'a, D>(c: &mut Criterion, name: &str, label: &str, frame: &Frame<'a, SceneRays>, count: u32, method: &D)
-where
+fn measure<'a, D>(
+    c: &mut Criterion,
+    name: &str,
+    label: &str,
+    frame: &Frame<'a, SceneRays>,
+    count: u32,
+    method: &D,
+) where
     D: DirectLighting<SceneRays> + DirectLighting<Recorder<'a>>,
 {
     // A word on the command line chooses, as with criterion itself.
@@ -133,10 +139,17 @@ where
     );
 
     let mut group = c.benchmark_group(format!("samples/{name}"));
-    group.sample_size(10).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(500));
+    group
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(200))
+        .measurement_time(Duration::from_millis(500));
     group.throughput(Throughput::Elements(segments.len() as u64));
-    group.bench_function(BenchmarkId::new(label, "whole"), |b| b.iter(|| shade(frame, &tiles, method, &mut scratch)));
-    group.bench_function(BenchmarkId::new(label, "bare"), |b| b.iter(|| raw(frame.rays, &segments, &mut ray_scratch)));
+    group.bench_function(BenchmarkId::new(label, "whole"), |b| {
+        b.iter(|| shade(frame, &tiles, method, &mut scratch))
+    });
+    group.bench_function(BenchmarkId::new(label, "bare"), |b| {
+        b.iter(|| raw(frame.rays, &segments, &mut ray_scratch))
+    });
     group.finish();
 }
 

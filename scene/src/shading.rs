@@ -223,8 +223,8 @@ pub struct Vertex {
 pub enum Coverage {
     /// By chance, in proportion to alpha: what the camera sees.
     Stochastic,
-    /// Opaque at alpha ≥ 0.5 and absent below, as for shadow rays, so that a path and a shadow ray agree on what is lit.
-    Threshold,
+    /// Solid, whatever alpha says, as shadow rays have it: a path and a shadow ray must agree on what is lit.
+    Solid,
 }
 
 /// Steps of one chain after which it is given up and counted: more glass and mirrors than a picture shows.
@@ -273,7 +273,7 @@ fn found<Q: Geometry>(
     if material.alpha_mode == AlphaMode::Blend && material.transmission == 0.0 {
         let covered = match coverage {
             Coverage::Stochastic => random.f32() < look.alpha,
-            Coverage::Threshold => look.alpha >= 0.5,
+            Coverage::Solid => true,
         };
         if !covered {
             return Found::Nothing(Ray { origin: surface.offset(ray.direction), ..*ray });

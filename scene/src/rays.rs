@@ -22,6 +22,12 @@
 //! # Scale
 //! Coordinates are multiplied by a power of two that brings the largest into [0.5, 1), which is exact. A
 //! scene scaled by a power of two gives the same bits; nothing here holds a length.
+//!
+//! # Limits
+//! Edge functions round by 2⁻²⁴ of the squared distance between a triangle's corners and the ray. A triangle smaller than
+//! 2⁻²⁴ of that distance has edge functions that are all rounding, and may be taken for hit wherever a ray passes
+//! through the box of its leaf. So mix no triangles of 10⁻⁷ of each other's size in one place, and start no
+//! rays from 10⁷ scene sizes away: there answers are still the same on all paths but where boxes end, and may be wrong.
 
 mod alpha;
 mod binary;

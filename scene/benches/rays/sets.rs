@@ -11,7 +11,7 @@ const SEED: u32 = 7;
 const WIDTH: u32 = 512;
 
 /// Segments in the order in which a renderer would ask.
-pub struct RaySet {
+pub(crate) struct RaySet {
     pub name: &'static str,
     pub segments: Vec<Segment>,
     /// Runs that start at the same point: what `occluded_from` takes.
@@ -32,7 +32,7 @@ impl RaySet {
 /// light tree. `cut2`: the same with 400 lights shared by the tile. `tile`: those turned round, all receivers of a tile for
 /// each light. `stoch`: 65,536 receivers in 8x8 tiles, 8 random lights each. `shadow`: half a million segments between random points of
 /// surfaces, long and incoherent.
-pub fn ray_sets(scene: &Scene, rays: &SceneRays) -> Vec<RaySet> {
+pub(crate) fn ray_sets(scene: &Scene, rays: &SceneRays) -> Vec<RaySet> {
     let view = View::new(scene, rays);
     let lights = lights_along_morton(scene);
     vec![view.cut(&lights), view.cut2(&lights), view.tile(&lights), view.stochastic(&lights), view.shadow()]

@@ -75,11 +75,12 @@ fn with_strict_edges_rays_leak() {
     assert!(leaked > 0, "the test sees no leak where there must be some");
 }
 
-/// Coordinates that coincide often: whole numbers, powers of two, the odd arbitrary one.
+/// Coordinates that coincide often: whole numbers, powers of two, the odd arbitrary one. Within a factor of 10⁶, so that no
+/// triangle is so small beside its distance from a ray that the test itself knows nothing (see the module `rays`).
 fn coordinate() -> impl Strategy<Value = f32> {
     prop_oneof![
         4 => (-3i8..=3).prop_map(f32::from),
-        1 => (-30i32..30).prop_map(|e| 2f32.powi(e)),
+        1 => (-10i32..10).prop_map(|e| 2f32.powi(e)),
         2 => -3.0f32..3.0,
     ]
 }

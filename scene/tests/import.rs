@@ -138,6 +138,22 @@ fn emissive_triangles_are_lights_and_mirrored_ones_keep_their_side() {
 }
 
 #[test]
+fn an_emitter_grows_with_its_area_whatever_the_transform() {
+    let mut asset = triangle(r#"{"emissiveFactor":[1,1,1]}"#);
+    let scales = [[1e-3, 1e-3, 1e-3], [1e3, 1e3, 1e3], [2.0, 5.0, 1.0], [-3.0, 1.0, 1.0], [1.0, 1.0, 1.0]];
+    let node = |[x, y, z]: [f32; 3]| format!(r#"{{"mesh":0,"scale":[{x},{y},{z}]}}"#);
+    asset.set("nodes", format!("[{}]", scales.map(node).join(",")));
+    asset.set("scenes", r#"[{"nodes":[0,1,2,3,4]}]"#);
+    let scene = import("emissive-scales", &asset);
+    let intensity = |i: usize| lighttree::Emitter::bounds(&scene.lights[i]).intensity;
+    for (i, [x, y, _]) in scales.iter().enumerate() {
+        // The triangle lies in the plane of x and y.
+        let expected = (x * y).abs() * intensity(4);
+        assert!((intensity(i) - expected).abs() < 1e-5 * expected, "{} instead of {expected}", intensity(i));
+    }
+}
+
+#[test]
 fn an_emissive_texture_gives_its_mean_and_black_gives_no_light() {
     let material = r#"{"emissiveFactor":[1,1,1],"emissiveTexture":{"index":0}}"#;
     let white_and_red = [[255, 255, 255, 255], [255, 0, 0, 255]];

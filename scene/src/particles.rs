@@ -174,7 +174,7 @@ impl<Q: Geometry> Path<'_, '_, Q> {
             // Find where it arrives.
             let mut counts = Counts::default();
             let found =
-                vertex(self.frame, ray, Coverage::Solid, &mut self.numbers.choices, rays, &mut counts);
+                vertex(self.frame, ray, Coverage::Threshold, &mut self.numbers.choices, rays, &mut counts);
             let Some(point) = found.map(|v| v.point) else {
                 self.report.escaped += flux.element_sum();
                 return;

@@ -91,7 +91,7 @@ impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> IndirectLighting<Q> for 
             let before = throughput.max_element();
             throughput *= step.weight.as_dvec3();
             let ray = point.leave(step.wi);
-            let Some(next) = vertex(frame, ray, Coverage::Solid, &mut random, rays, counts) else {
+            let Some(next) = vertex(frame, ray, Coverage::Threshold, &mut random, rays, counts) else {
                 break;
             };
             if lit && next.emission != Vec3::ZERO {
@@ -145,7 +145,7 @@ impl<S: LightSampler<ShadingPoint>> PathTracer<S> {
             if *throughput == DVec3::ZERO {
                 return None;
             }
-            found = vertex(frame, point.leave(step.wi), Coverage::Solid, random, rays, counts)?;
+            found = vertex(frame, point.leave(step.wi), Coverage::Threshold, random, rays, counts)?;
             *sum += *throughput * found.emission.as_dvec3();
         }
         counts.chains_cut += 1;

@@ -6,9 +6,12 @@ use lighttree::{Ray, RayHit, RayQueries, Receiver, Segment, Toward, rng::Random}
 use crate::bsdf::{Bsdf, Dielectric, Ggx, Phong, Transport};
 use crate::light::{LightPoint, Profile};
 use crate::render::{Counts, Frame};
-use crate::{AlphaMode, DistantLight, Material, Scene, Surface, TextureSlot};
+use crate::{DistantLight, Material, Scene, Surface, TextureSlot};
 
 /// Rays against a [`Scene`], and what their answers mean to a shader.
+///
+/// Nearest hits are those of all surfaces, but for the holes of alpha masks. Segments pass blended surfaces where these have
+/// less than [`Material::SOLID_ALPHA`], too.
 pub trait Geometry: RayQueries + Sync {
     /// The surface that `hit` of `ray` found.
     fn surface(&self, scene: &Scene, ray: &Ray, hit: &RayHit) -> Surface;
@@ -223,8 +226,8 @@ pub struct Vertex {
 pub enum Coverage {
     /// By chance, in proportion to alpha: what the camera sees.
     Stochastic,
-    /// Solid, whatever alpha says, as shadow rays have it: a path and a shadow ray must agree on what is lit.
-    Solid,
+    /// Solid from [`Material::SOLID_ALPHA`], absent below, as shadow rays have it: a path and a shadow ray must agree on what is lit.
+    Threshold,
 }
 
 /// Steps of one chain after which it is given up and counted: more glass and mirrors than a picture shows.
@@ -269,15 +272,12 @@ fn found<Q: Geometry>(
     let surface = frame.rays.surface(frame.scene, ray, hit);
     let material = &frame.scene.materials[surface.material as usize];
     let look = material.look(frame.scene, [surface.uv, surface.uv1]);
-    // Transmission already says what passes; alpha says it only without.
-    if material.alpha_mode == AlphaMode::Blend && material.transmission == 0.0 {
-        let covered = match coverage {
-            Coverage::Stochastic => random.f32() < look.alpha,
-            Coverage::Solid => true,
-        };
-        if !covered {
-            return Found::Nothing(Ray { origin: surface.offset(ray.direction), ..*ray });
-        }
+    let covered = match coverage {
+        Coverage::Stochastic => !material.is_blended() || random.f32() < look.alpha,
+        Coverage::Threshold => material.shadow_cutoff().is_none_or(|cutoff| look.alpha >= cutoff),
+    };
+    if !covered {
+        return Found::Nothing(Ray { origin: surface.offset(ray.direction), ..*ray });
     }
     let wo = -ray.direction.normalize();
     let geometric_normal = surface.facing_normal();

@@ -47,6 +47,11 @@ impl Texture {
         top.lerp(bottom, f.y)
     }
 
+    /// The lowest alpha that [`sample`](Self::sample) can give, in [0, 1].
+    pub(crate) fn lowest_alpha(&self) -> f32 {
+        f32::from(self.texels.iter().map(|texel| texel[3]).min().unwrap_or(255)) / 255.0
+    }
+
     /// Every texel's linear RGB, in the order of `texels`.
     pub(crate) fn linear_rgb(&self) -> impl Iterator<Item = Vec3> {
         self.texels.iter().map(|&texel| self.decode(texel).truncate())

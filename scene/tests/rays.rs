@@ -203,12 +203,20 @@ fn at(translation: Vec3) -> Instance {
 #[test]
 fn every_query_sees_through_the_holes_of_a_mask() {
     // Many copies behind one another, so that there are leaves with several masked triangles.
-    let scene = masked_square(40);
+    let mut scene = masked_square(40);
+    queries_see_through_holes(&scene, true);
+    // Thin parts of blended surfaces are holes for segments, but for nothing else.
+    scene.materials[0].alpha_mode = AlphaMode::Blend;
+    queries_see_through_holes(&scene, false);
+}
+
+fn queries_see_through_holes(scene: &Scene, nearest_too: bool) {
     let builds = [8_000_000, 1].map(|max_flattened| {
-        SceneRays::build_with(&scene, &RaysParams { max_flattened }).expect("a sound scene")
+        SceneRays::build_with(scene, &RaysParams { max_flattened }).expect("a sound scene")
     });
     let mut scratch = Default::default();
     for mut rays in builds {
+        assert_eq!(rays.stats().masked, if rays.is_two_level() { 2 } else { 80 });
         for path in [RayPath::detect(), RayPath::Portable] {
             rays.set_path(path);
             let (mut blocker, mut dice) = (u32::MAX, Dice(5));
@@ -231,7 +239,7 @@ fn every_query_sees_through_the_holes_of_a_mask() {
                 let ray = Ray { origin: from, direction: to - from, t_max: 1.0 };
                 assert_eq!(
                     rays.closest(&ray, &mut scratch).map(|hit| rays.locate(hit.primitive).0),
-                    (!hole).then_some(0)
+                    (!hole || !nearest_too).then_some(0)
                 );
             }
         }
@@ -248,6 +256,36 @@ fn a_mask_without_a_texture_is_all_hole_or_none() {
         let rays = SceneRays::build(&scene).expect("a sound scene");
         assert_eq!(rays.closest(&ray, &mut Default::default()).is_some(), hit, "{alpha}");
     }
+}
+
+#[test]
+fn alpha_says_which_blended_surfaces_stop_a_segment() {
+    let segment = Segment { from: Vec3::new(0.8, 0.2, 1.0), to: Vec3::new(0.8, 0.2, -1.0) };
+    // The right half's texel has alpha 1, so the factor alone decides there.
+    for textured in [false, true] {
+        let mut scene = masked_square(1);
+        if !textured {
+            scene.materials[0].base_color_texture = None;
+        }
+        scene.materials[0].alpha_mode = AlphaMode::Blend;
+        let mut blocked = |change: &dyn Fn(&mut Material)| {
+            change(&mut scene.materials[0]);
+            let rays = SceneRays::build(&scene).expect("a sound scene");
+            rays.occluded(&segment, &mut Default::default())
+        };
+        for (alpha, expected) in [(0.12, false), (0.49, false), (0.5, true), (0.8, true), (1.0, true)] {
+            assert_eq!(blocked(&|m| m.alpha = alpha), expected, "{alpha}");
+        }
+        // Glass and emitters stay solid whatever their alpha.
+        assert!(!blocked(&|m| m.alpha = 0.12));
+        assert!(blocked(&|m| m.transmission = 1.0));
+        assert!(blocked(&|m| (m.transmission, m.emissive) = (0.0, Vec3::ONE)));
+    }
+    // Without thin texels there's nothing to ask.
+    let mut scene = masked_square(1);
+    scene.materials[0].alpha_mode = AlphaMode::Blend;
+    scene.textures[0].texels[0][3] = 128;
+    assert_eq!(SceneRays::build(&scene).expect("a sound scene").stats().masked, 0);
 }
 
 /// A single triangle as a scene.

@@ -1,4 +1,4 @@
-//! Holes in masked triangles: what a texture says at the place of a hit.
+//! Holes in masked and blended triangles: what a texture says at the place of a hit.
 
 use glam::Vec2;
 
@@ -12,6 +12,15 @@ pub(super) struct AlphaMasks {
     meshes: Vec<Option<MeshMask>>,
     /// By texture; only those needed.
     textures: Vec<Option<Texture>>,
+    /// Whether there are holes in the nearest hit's view.
+    any_for_nearest: bool,
+}
+
+/// What is asked of the surfaces: holes of alpha masks are there always, those of thinly blended surfaces only for occlusion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Asked {
+    Nearest,
+    Occlusion,
 }
 
 /// A mesh with holes: a hit counts where `alpha` times the texture's is not below the cut-off.
@@ -22,31 +31,49 @@ struct MeshMask {
     alpha: f32,
     cutoff: f32,
     texture: Option<usize>,
+    /// A blended surface, which the nearest hit may well be on.
+    occlusion_only: bool,
 }
 
 impl AlphaMasks {
     pub(super) fn new(scene: &Scene) -> Self {
-        let meshes: Vec<_> = scene.meshes.iter().map(|mesh| MeshMask::new(mesh, scene)).collect();
+        let mut lowest = vec![None; scene.textures.len()];
+        let mut lowest_alpha =
+            |texture: usize| *lowest[texture].get_or_insert_with(|| scene.textures[texture].lowest_alpha());
+        let meshes: Vec<_> =
+            scene.meshes.iter().map(|mesh| MeshMask::new(mesh, scene, &mut lowest_alpha)).collect();
+        let any_for_nearest = meshes.iter().flatten().any(|mask| !mask.occlusion_only);
         let mut textures = vec![None; scene.textures.len()];
         for texture in meshes.iter().flatten().filter_map(|mask| mask.texture) {
             textures[texture].get_or_insert_with(|| scene.textures[texture].clone());
         }
-        if meshes.iter().any(Option::is_some) { Self { meshes, textures } } else { Self::default() }
+        if meshes.iter().any(Option::is_some) {
+            Self { meshes, textures, any_for_nearest }
+        } else {
+            Self::default()
+        }
     }
 
-    /// Whether there are no holes at all.
-    pub(super) fn is_empty(&self) -> bool {
-        self.meshes.is_empty()
+    /// Whether there are holes for those who ask this.
+    pub(super) fn any(&self, asked: Asked) -> bool {
+        match asked {
+            Asked::Nearest => self.any_for_nearest,
+            Asked::Occlusion => !self.meshes.is_empty(),
+        }
     }
 
-    /// Whether hits on this mesh must be asked about.
-    pub(super) fn is_masked(&self, mesh: u32) -> bool {
-        self.meshes.get(mesh as usize).is_some_and(Option::is_some)
+    /// Whether this mesh has holes for those who ask this.
+    pub(super) fn is_masked(&self, mesh: u32, asked: Asked) -> bool {
+        let mask = self.meshes.get(mesh as usize).and_then(Option::as_ref);
+        mask.is_some_and(|mask| !mask.occlusion_only || asked == Asked::Occlusion)
     }
 
     /// Whether a hit on this place of a mesh is none in a hole.
-    pub(super) fn is_solid(&self, mesh: u32, triangle: u32, u: f32, v: f32) -> bool {
+    pub(super) fn is_solid(&self, mesh: u32, triangle: u32, u: f32, v: f32, asked: Asked) -> bool {
         let Some(Some(mask)) = self.meshes.get(mesh as usize) else { return true };
+        if mask.occlusion_only && asked == Asked::Nearest {
+            return true;
+        }
         let texture = mask.texture.and_then(|t| self.textures[t].as_ref());
         let texel = match (texture, mask.uvs.get(triangle as usize)) {
             (Some(texture), Some([a, b, c])) => texture.sample((1.0 - u - v) * *a + u * *b + v * *c).w,
@@ -64,26 +91,28 @@ impl AlphaMasks {
 }
 
 impl MeshMask {
-    /// `None` where the material has no holes.
-    fn new(mesh: &Mesh, scene: &Scene) -> Option<Self> {
+    /// `None` where the material has no holes. `lowest_alpha` of a texture, in [0, 1].
+    fn new(mesh: &Mesh, scene: &Scene, lowest_alpha: &mut impl FnMut(usize) -> f32) -> Option<Self> {
         let material: &Material = scene.materials.get(mesh.material as usize)?;
-        let AlphaMode::Mask(cutoff) = material.alpha_mode else { return None };
+        let (cutoff, occlusion_only) = match material.alpha_mode {
+            AlphaMode::Mask(cutoff) => (cutoff, false),
+            _ => (material.shadow_cutoff()?, true),
+        };
+        let alpha = material.alpha;
         let slot = material.base_color_texture.filter(|slot| (slot.texture as usize) < scene.textures.len());
-        let Some(slot) = slot else {
-            // The same everywhere: all solid, or all a hole.
-            let solid = material.alpha >= cutoff;
-            return (!solid).then_some(Self {
-                uvs: Vec::new(),
-                alpha: material.alpha,
-                cutoff,
-                texture: None,
-            });
+        let lowest = slot.map_or(1.0, |slot| lowest_alpha(slot.texture as usize));
+        if alpha * lowest >= cutoff {
+            return None;
+        }
+        let Some(slot) = slot.filter(|_| alpha >= cutoff) else {
+            // A texture can only make it less: all is a hole.
+            return Some(Self { uvs: Vec::new(), alpha, cutoff, texture: None, occlusion_only });
         };
         let set = if slot.uv_set == 0 { &mesh.uvs } else { &mesh.uvs1 };
         let corner =
             |i: u32| slot.transform.transform_point2(set.get(i as usize).copied().unwrap_or(Vec2::ZERO));
         let uvs = mesh.triangles.iter().map(|t| t.map(corner)).collect();
-        Some(Self { uvs, alpha: material.alpha, cutoff, texture: Some(slot.texture as usize) })
+        Some(Self { uvs, alpha, cutoff, texture: Some(slot.texture as usize), occlusion_only })
     }
 }
 
@@ -91,10 +120,11 @@ impl MeshMask {
 pub(super) struct MeshHoles<'a> {
     pub(super) masks: &'a AlphaMasks,
     pub(super) mesh: u32,
+    pub(super) asked: Asked,
 }
 
 impl HitFilter for MeshHoles<'_> {
     fn accepts(&self, triangle: u32, u: f32, v: f32) -> bool {
-        self.masks.is_solid(self.mesh, triangle, u, v)
+        self.masks.is_solid(self.mesh, triangle, u, v, self.asked)
     }
 }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use lighttree::{Ray, RayHit, RayQueries, Segment};
 
-use super::alpha::AlphaMasks;
+use super::alpha::{AlphaMasks, Asked};
 use super::build::{BuildStats, WideBvh};
 use super::dispatch::Path;
 use super::error::RaysError;
@@ -31,8 +31,10 @@ impl Default for RaysParams {
 
 /// A scene as rays see it. Implements [`RayQueries`].
 ///
-/// Primitives are the triangles of all instances, one after the other in the scene's order. Blend modes and
-/// transmission don't concern it: every triangle stops rays, except where an alpha mask has a hole; both sides count.
+/// Primitives are the triangles of all instances, one after the other in the scene's order; both sides count. Every
+/// triangle stops rays, also one that transmits, except where an alpha mask has a hole. Segments, in every kind of query, also pass
+/// blended surfaces where alpha is below [`Material::SOLID_ALPHA`](crate::Material::SOLID_ALPHA), emitters excepted.
+/// A scene without holes pays nothing for them.
 #[derive(Clone, Debug)]
 pub struct SceneRays {
     tree: Tree,
@@ -160,8 +162,8 @@ impl SceneRays {
         }
     }
 
-    fn holes(&self) -> Holes<'_> {
-        Holes { masks: &self.alpha, primitives: &self.primitives }
+    fn holes(&self, asked: Asked) -> Holes<'_> {
+        Holes { masks: &self.alpha, primitives: &self.primitives, asked }
     }
 }
 
@@ -171,9 +173,13 @@ fn flattened(scene: &Scene, primitives: &Primitives, alpha: &AlphaMasks) -> Resu
         let mesh = &scene.meshes[instance.mesh as usize];
         triangles.extend(mesh.triangles.iter().map(|&t| world_triangle(mesh, instance, t)));
     }
-    let masked = |primitive| alpha.is_masked(primitives.mesh(primitives.locate(primitive).0));
-    let built =
-        if alpha.is_empty() { WideBvh::build(&triangles) } else { WideBvh::build_masked(&triangles, masked) };
+    let masked =
+        |primitive| alpha.is_masked(primitives.mesh(primitives.locate(primitive).0), Asked::Occlusion);
+    let built = if alpha.any(Asked::Occlusion) {
+        WideBvh::build_masked(&triangles, masked)
+    } else {
+        WideBvh::build(&triangles)
+    };
     built.map_err(|error| match error {
         RaysError::NonFinite { triangle } => {
             let (instance, triangle) = primitives.locate(triangle);
@@ -193,12 +199,13 @@ impl Geometry for SceneRays {
 struct Holes<'a> {
     masks: &'a AlphaMasks,
     primitives: &'a Primitives,
+    asked: Asked,
 }
 
 impl HitFilter for Holes<'_> {
     fn accepts(&self, primitive: u32, u: f32, v: f32) -> bool {
         let (instance, triangle) = self.primitives.locate(primitive);
-        self.masks.is_solid(self.primitives.mesh(instance), triangle, u, v)
+        self.masks.is_solid(self.primitives.mesh(instance), triangle, u, v, self.asked)
     }
 }
 
@@ -207,16 +214,20 @@ impl RayQueries for SceneRays {
 
     fn closest(&self, ray: &Ray, scratch: &mut Scratch) -> Option<RayHit> {
         match &self.tree {
-            Tree::Flattened(tree) if self.alpha.is_empty() => tree.closest(ray, &AcceptAll, scratch),
-            Tree::Flattened(tree) => tree.closest(ray, &self.holes(), scratch),
+            Tree::Flattened(tree) if !self.alpha.any(Asked::Nearest) => {
+                tree.closest(ray, &AcceptAll, scratch)
+            }
+            Tree::Flattened(tree) => tree.closest(ray, &self.holes(Asked::Nearest), scratch),
             Tree::TwoLevel(trees) => trees.closest(ray, &self.primitives, &self.alpha, scratch),
         }
     }
 
     fn occluded(&self, segment: &Segment, scratch: &mut Scratch) -> bool {
         match &self.tree {
-            Tree::Flattened(tree) if self.alpha.is_empty() => tree.occluded(segment, &AcceptAll, scratch),
-            Tree::Flattened(tree) => tree.occluded(segment, &self.holes(), scratch),
+            Tree::Flattened(tree) if !self.alpha.any(Asked::Occlusion) => {
+                tree.occluded(segment, &AcceptAll, scratch)
+            }
+            Tree::Flattened(tree) => tree.occluded(segment, &self.holes(Asked::Occlusion), scratch),
             Tree::TwoLevel(trees) => {
                 trees.occluded(segment, &self.primitives, &self.alpha, scratch).is_some()
             }
@@ -225,10 +236,10 @@ impl RayQueries for SceneRays {
 
     fn closest_each(&self, rays: &[Ray], hits: &mut [Option<RayHit>], scratch: &mut Scratch) {
         match &self.tree {
-            Tree::Flattened(tree) if self.alpha.is_empty() => {
+            Tree::Flattened(tree) if !self.alpha.any(Asked::Nearest) => {
                 tree.closest_each(rays, hits, &AcceptAll, scratch);
             }
-            Tree::Flattened(tree) => tree.closest_each(rays, hits, &self.holes(), scratch),
+            Tree::Flattened(tree) => tree.closest_each(rays, hits, &self.holes(Asked::Nearest), scratch),
             Tree::TwoLevel(_) => {
                 assert_eq!(rays.len(), hits.len(), "one hit per ray");
                 for (ray, hit) in rays.iter().zip(hits) {
@@ -240,10 +251,12 @@ impl RayQueries for SceneRays {
 
     fn occluded_each(&self, segments: &[Segment], occluded: &mut [bool], scratch: &mut Scratch) {
         match &self.tree {
-            Tree::Flattened(tree) if self.alpha.is_empty() => {
+            Tree::Flattened(tree) if !self.alpha.any(Asked::Occlusion) => {
                 tree.occluded_each(segments, occluded, &AcceptAll, scratch);
             }
-            Tree::Flattened(tree) => tree.occluded_each(segments, occluded, &self.holes(), scratch),
+            Tree::Flattened(tree) => {
+                tree.occluded_each(segments, occluded, &self.holes(Asked::Occlusion), scratch)
+            }
             Tree::TwoLevel(_) => {
                 assert_eq!(segments.len(), occluded.len(), "one answer per segment");
                 for (segment, occluded) in segments.iter().zip(occluded) {
@@ -256,10 +269,12 @@ impl RayQueries for SceneRays {
     /// `blocker` is a leaf of the flattened tree, or an instance of two levels. Any value is allowed.
     fn occluded_via(&self, segment: &Segment, blocker: &mut u32, scratch: &mut Scratch) -> bool {
         match &self.tree {
-            Tree::Flattened(tree) if self.alpha.is_empty() => {
+            Tree::Flattened(tree) if !self.alpha.any(Asked::Occlusion) => {
                 tree.occluded_via(segment, blocker, &AcceptAll, scratch)
             }
-            Tree::Flattened(tree) => tree.occluded_via(segment, blocker, &self.holes(), scratch),
+            Tree::Flattened(tree) => {
+                tree.occluded_via(segment, blocker, &self.holes(Asked::Occlusion), scratch)
+            }
             Tree::TwoLevel(trees) => {
                 if trees.occluded_by(*blocker, segment, &self.primitives, &self.alpha, scratch) {
                     return true;
@@ -278,10 +293,12 @@ impl RayQueries for SceneRays {
     /// Many at once where the scene is flattened, one by one in two levels.
     fn occluded_from(&self, origin: Vec3, targets: &[Vec3], occluded: &mut [bool], scratch: &mut Scratch) {
         match &self.tree {
-            Tree::Flattened(tree) if self.alpha.is_empty() => {
+            Tree::Flattened(tree) if !self.alpha.any(Asked::Occlusion) => {
                 tree.occluded_from(origin, targets, occluded, &AcceptAll, scratch);
             }
-            Tree::Flattened(tree) => tree.occluded_from(origin, targets, occluded, &self.holes(), scratch),
+            Tree::Flattened(tree) => {
+                tree.occluded_from(origin, targets, occluded, &self.holes(Asked::Occlusion), scratch)
+            }
             Tree::TwoLevel(_) => {
                 assert_eq!(targets.len(), occluded.len(), "one answer per target");
                 for (&to, occluded) in targets.iter().zip(occluded) {

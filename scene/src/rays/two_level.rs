@@ -8,7 +8,7 @@ use glam::{Affine3A, DAffine3, DVec3, Vec3, Vec3A};
 use lighttree::{Ray, RayHit, Segment};
 use obvhs::aabb::Aabb;
 
-use super::alpha::{AlphaMasks, MeshHoles};
+use super::alpha::{AlphaMasks, Asked, MeshHoles};
 use super::binary::Binary;
 use super::build::WideBvh;
 use super::collapse::Plan;
@@ -44,7 +44,7 @@ impl TwoLevel {
             if tree.is_none() {
                 let corners = |t: &[u32; 3]| t.map(|v| mesh.positions[v as usize]);
                 let triangles: Vec<[Vec3; 3]> = mesh.triangles.iter().map(corners).collect();
-                let masked = alpha.is_masked(instance.mesh);
+                let masked = alpha.is_masked(instance.mesh, Asked::Occlusion);
                 *tree = Some(WideBvh::build_masked(&triangles, |_| masked).map_err(|error| match error {
                     RaysError::NonFinite { triangle } => RaysError::NonFiniteVertex { instance: i, triangle },
                     other => other,
@@ -133,8 +133,9 @@ impl TwoLevel {
         let local = Segment { from: place(segment.from), to: place(segment.to) };
         let mesh = primitives.mesh(instance);
         let Some(tree) = &self.meshes[mesh as usize] else { return false };
-        if alpha.is_masked(mesh) {
-            tree.occluded(&local, &MeshHoles { masks: alpha, mesh }, scratch)
+        let asked = Asked::Occlusion;
+        if alpha.is_masked(mesh, asked) {
+            tree.occluded(&local, &MeshHoles { masks: alpha, mesh, asked }, scratch)
         } else {
             tree.occluded(&local, &AcceptAll, scratch)
         }
@@ -177,8 +178,9 @@ impl TwoLevel {
     ) -> Option<RayHit> {
         let mesh = primitives.mesh(instance);
         let tree = self.meshes[mesh as usize].as_ref()?;
-        if alpha.is_masked(mesh) {
-            tree.closest(local, &MeshHoles { masks: alpha, mesh }, scratch)
+        let asked = Asked::Nearest;
+        if alpha.is_masked(mesh, asked) {
+            tree.closest(local, &MeshHoles { masks: alpha, mesh, asked }, scratch)
         } else {
             tree.closest(local, &AcceptAll, scratch)
         }

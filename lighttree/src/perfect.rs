@@ -9,10 +9,14 @@
 //! inner nodes.
 
 use core::ops::Range;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use glam::Vec3;
+use bytemuck::{must_cast, must_cast_ref};
+use glam::Vec4;
 
-use crate::build::{BuildError, MortonBits, emit::ceil_log2, morton, parallel, survey};
+use crate::build::{
+    BuildError, MortonBits, emit::ceil_log2, morton, parallel, radix::Keyed, survey, survey::Survey,
+};
 use crate::{Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, NodeId, PerfectNode};
 
 /// A perfect binary tree over lights in Morton order. Built in linear time; its nodes know no directions.
@@ -59,31 +63,43 @@ impl PerfectTree {
                 unit: 1.0,
             });
         }
-        let order: Vec<u32> = bytemuck::cast_vec(morton::order(lights, &survey, bits));
+        Ok(match bits {
+            MortonBits::Thirty => Self::over(lights, &survey, &morton::sorted_30(lights, &survey)),
+            MortonBits::SixtyThree => Self::over(lights, &survey, &morton::sorted_63(lights, &survey)),
+        })
+    }
+
+    /// Builds the tree whose leaves are in this order; at least one.
+    fn over<E: Emitter + Sync>(lights: &[E], survey: &Survey, order: &[impl Keyed]) -> Self {
         let depth = ceil_log2(order.len());
         let level_sizes = level_sizes(order.len(), depth);
-        let inner = level_sizes[..depth as usize].iter().sum();
+        let (&leaf_count, inner_sizes) = level_sizes.split_last().expect("a root");
+        let inner: usize = inner_sizes.iter().sum();
 
-        // The word of every node: inner ones have the slots of the lights, in order, leaves their own light.
-        let mut slots = slots_by_light(&order, lights.len().max(inner));
-        let mut late_slots = slots.split_off(inner);
-        late_slots.truncate(lights.len().saturating_sub(inner));
-        let mut words = split_by_sizes(&*slots, &level_sizes[..depth as usize], <[u32]>::split_at);
-        words.push(&*order);
+        // Inner nodes have the slots of the lights, in order; those of the lights beyond come after.
+        let slots = slots_by_light(order, lights.len().max(inner));
+        let (words, late) = slots.split_at(inner);
+        let late = late.iter().take(lights.len().saturating_sub(inner));
+        let late_slots = late.map(|slot| slot.load(Relaxed)).collect();
 
         // Fresh pages come zeroed; first touched where they are filled, by all threads.
-        let mut nodes = bytemuck::zeroed_vec(inner + order.len());
-        let parts = split_by_sizes(&mut *nodes, &level_sizes, <[PerfectNode]>::split_at_mut);
-        let mut levels: Vec<Level<'_>> = parts.into_iter().zip(words).collect();
+        let mut nodes = bytemuck::zeroed_vec(inner + leaf_count);
+        let (inner_nodes, leaves) = nodes.split_at_mut(inner);
+        let levels = split_by_sizes(inner_nodes, inner_sizes, <[PerfectNode]>::split_at_mut);
+        let words = split_by_sizes(words, inner_sizes, <[AtomicU32]>::split_at);
+        let mut levels: Vec<Level<'_>> = levels.into_iter().zip(words).collect();
         let unit = survey.intensity_unit();
-        fill(&mut levels, &|light| leaf(&lights[light as usize].bounds(), light, unit));
+        fill(&mut levels, leaves, order, &|key| {
+            let LightId(light) = key.light();
+            leaf(&lights[light as usize].bounds(), light, unit)
+        });
 
         let starts = level_sizes.iter().scan(0u32, |start, &size| {
             *start += size as u32;
             Some(*start - size as u32)
         });
         let shifts = starts.zip(0..).map(|(start, d): (u32, u32)| start.wrapping_sub(1 << d)).collect();
-        Ok(Self { nodes, len: order.len() as u32, depth, shifts, late_slots, dropped: survey.dropped, unit })
+        Self { nodes, len: leaf_count as u32, depth, shifts, late_slots, dropped: survey.dropped, unit }
     }
 
     /// All nodes, level by level, the root first: node `i` at depth `d` is at
@@ -166,16 +182,13 @@ impl PerfectTree {
 }
 
 /// The slot of every light, `u32::MAX` for those without; at least `len` of them.
-fn slots_by_light(order: &[u32], len: usize) -> Vec<u32> {
-    let mut slots = vec![u32::MAX; len];
-    // Every thread reads the whole order, and writes the slots of its own lights.
-    let part = len.div_ceil(parallel::threads().min(8)).max(1 << 16);
-    parallel::map(slots.chunks_mut(part).enumerate().collect(), |(i, slots): (usize, &mut [u32])| {
-        let first = i * part;
-        for (&light, slot) in order.iter().zip(0..) {
-            if let Some(entry) = (light as usize).checked_sub(first).and_then(|light| slots.get_mut(light)) {
-                *entry = slot;
-            }
+fn slots_by_light(order: &[impl Keyed], len: usize) -> Vec<AtomicU32> {
+    // Atomic only so that threads may share them: every slot is written once, so no order of writing shows.
+    let slots: Vec<_> = core::iter::repeat_with(|| AtomicU32::new(u32::MAX)).take(len).collect();
+    let part = order.len().div_ceil(4 * parallel::threads()).max(1 << 14);
+    parallel::map(order.chunks(part).zip((0..).step_by(part)).collect(), |(keys, first): (&[_], u32)| {
+        for (key, slot) in keys.iter().zip(first..) {
+            slots[Keyed::light(key).0 as usize].store(slot, Relaxed);
         }
     });
     slots
@@ -197,25 +210,32 @@ fn split_by_sizes<T>(all: T, sizes: &[usize], split_at: impl Fn(T, usize) -> (T,
     parts
 }
 
-/// The nodes of one subtree at one depth, and the word that each is to have.
-type Level<'a> = (&'a mut [PerfectNode], &'a [u32]);
+/// The inner nodes of one subtree at one depth, and the word that each is to have.
+type Level<'a> = (&'a mut [PerfectNode], &'a [AtomicU32]);
 
-/// Fills the levels of one subtree, its root's first.
-fn fill(levels: &mut [Level<'_>], leaf: &(impl Fn(u32) -> PerfectNode + Sync)) {
-    if levels.len() <= SERIAL_LEVELS {
-        fill_serial(levels, leaf);
-        return;
-    }
-    let Some((root, below)) = levels.split_first_mut() else { return };
-    let half = 1 << (below.len() - 1);
-    let leaves = below.last().map_or(0, |(nodes, _)| nodes.len());
-    if leaves <= half {
-        fill(below, leaf);
+/// Fills one subtree: its inner levels, its root's first, and its leaves, of the lights in that order.
+fn fill<K: Keyed>(
+    levels: &mut [Level<'_>],
+    leaves: &mut [PerfectNode],
+    order: &[K],
+    leaf: &(impl Fn(&K) -> PerfectNode + Sync),
+) {
+    let (root, below) = match levels {
+        [root, below @ ..] if below.len() >= SERIAL_LEVELS => (root, below),
+        _ => return fill_serial(levels, leaves, order, leaf),
+    };
+    let half = 1 << below.len();
+    if leaves.len() <= half {
+        fill(below, leaves, order, leaf);
     } else {
+        let (leaves, order) = (leaves.split_at_mut(half), order.split_at(half));
         let (mut left, mut right): (Vec<_>, Vec<_>) = below.iter_mut().enumerate().map(split_level).unzip();
-        parallel::join(|| fill(&mut left, leaf), || fill(&mut right, leaf));
+        parallel::join(
+            || fill(&mut left, leaves.0, order.0, leaf),
+            || fill(&mut right, leaves.1, order.1, leaf),
+        );
     }
-    root.0[0] = parent(below[0].0, root.1[0]);
+    root.0[0] = parent(below[0].0, root.1[0].load(Relaxed));
 }
 
 /// One level, at depth `d` below two siblings, as that below the left and that below the right one.
@@ -224,15 +244,19 @@ fn split_level<'a>((d, (nodes, words)): (usize, &'a mut Level<'_>)) -> (Level<'a
     ((nodes.0, words.0), (nodes.1, words.1))
 }
 
-fn fill_serial(levels: &mut [Level<'_>], leaf: &impl Fn(u32) -> PerfectNode) {
-    let Some(((leaves, lights), inner)) = levels.split_last_mut() else { return };
-    for (node, &light) in leaves.iter_mut().zip(*lights) {
-        *node = leaf(light);
+fn fill_serial<K>(
+    levels: &mut [Level<'_>],
+    leaves: &mut [PerfectNode],
+    order: &[K],
+    leaf: &impl Fn(&K) -> PerfectNode,
+) {
+    for (node, key) in leaves.iter_mut().zip(order) {
+        *node = leaf(key);
     }
     let mut children: &[PerfectNode] = leaves;
-    for (level, words) in inner.iter_mut().rev() {
-        for ((node, children), &word) in level.iter_mut().zip(children.chunks(2)).zip(*words) {
-            *node = parent(children, word);
+    for (level, words) in levels.iter_mut().rev() {
+        for ((node, children), word) in level.iter_mut().zip(children.chunks(2)).zip(*words) {
+            *node = parent(children, word.load(Relaxed));
         }
         children = level;
     }
@@ -249,13 +273,15 @@ fn leaf(bounds: &LightBounds, light: u32, unit: f64) -> PerfectNode {
 
 /// Box and intensity of one or two children together.
 fn parent(children: &[PerfectNode], id: u32) -> PerfectNode {
-    let &[a, b] = children else { return PerfectNode { id, ..children[0] } };
-    PerfectNode {
-        min: Vec3::from_array(a.min).min(Vec3::from_array(b.min)).to_array(),
-        intensity: a.intensity + b.intensity,
-        max: Vec3::from_array(a.max).max(Vec3::from_array(b.max)).to_array(),
-        id,
+    if children.len() < 2 {
+        return PerfectNode { id, ..children[0] };
     }
+    // Four floats at a time: of the fourth ones, the intensity is a sum, and the word is put in after.
+    let [a, b]: [[Vec4; 2]; 2] = [&children[0], &children[1]]
+        .map(|node| must_cast_ref::<PerfectNode, [[f32; 4]; 2]>(node).map(Vec4::from_array));
+    let min = a[0].min(b[0]).with_w(a[0].w + b[0].w);
+    let max = a[1].max(b[1]).with_w(f32::from_bits(id));
+    must_cast([min.to_array(), max.to_array()])
 }
 
 impl Hierarchy for PerfectTree {

@@ -7,7 +7,8 @@
 use glam::Vec3;
 
 use super::{
-    MortonBits, emit::Item, emit::Splitter, parallel, radix, survey, survey::Survey, survey::half_center,
+    MortonBits, emit::Item, emit::Splitter, parallel, radix, radix::Keyed, survey, survey::Survey,
+    survey::half_center,
 };
 use crate::{Emitter, LightId};
 
@@ -35,23 +36,32 @@ impl Item for LightId {
 
 /// The lights that shine, in Morton order of their centres; equal keys by id.
 pub(crate) fn order<E: Emitter + Sync>(lights: &[E], survey: &Survey, bits: MortonBits) -> Vec<LightId> {
-    match bits {
-        MortonBits::Thirty => {
-            let mut keys = keyed(lights, survey, 1 << 10, |cell, light| {
-                let key = spread_10(cell[0]) << 2 | spread_10(cell[1]) << 1 | spread_10(cell[2]);
-                u64::from(key) << 32 | u64::from(light)
-            });
-            radix::sort(&mut keys, 32, 30);
-            keys.into_iter().map(|key| LightId(key as u32)).collect()
-        }
-        MortonBits::SixtyThree => {
-            let mut keys = keyed(lights, survey, 1 << 21, |cell, light| {
-                (spread_21(cell[0]) << 2 | spread_21(cell[1]) << 1 | spread_21(cell[2]), light)
-            });
-            radix::sort(&mut keys, 0, 63);
-            keys.into_iter().map(|(_, light)| LightId(light)).collect()
-        }
+    fn ids<K: Keyed>(keys: &[K]) -> Vec<LightId> {
+        keys.iter().map(Keyed::light).collect()
     }
+    match bits {
+        MortonBits::Thirty => ids(&sorted_30(lights, survey)),
+        MortonBits::SixtyThree => ids(&sorted_63(lights, survey)),
+    }
+}
+
+/// The same with their keys of 30 bits, which stand above the lights' ids.
+pub(crate) fn sorted_30<E: Emitter + Sync>(lights: &[E], survey: &Survey) -> Vec<u64> {
+    let mut keys = keyed(lights, survey, 1 << 10, |cell, light| {
+        let key = spread_10(cell[0]) << 2 | spread_10(cell[1]) << 1 | spread_10(cell[2]);
+        u64::from(key) << 32 | u64::from(light)
+    });
+    radix::sort(&mut keys, 32, 30);
+    keys
+}
+
+/// The same with their keys of 63 bits.
+pub(crate) fn sorted_63<E: Emitter + Sync>(lights: &[E], survey: &Survey) -> Vec<(u64, u32)> {
+    let mut keys = keyed(lights, survey, 1 << 21, |cell, light| {
+        (spread_21(cell[0]) << 2 | spread_21(cell[1]) << 1 | spread_21(cell[2]), light)
+    });
+    radix::sort(&mut keys, 0, 63);
+    keys
 }
 
 /// Keys of the lights that shine, in the order of their ids.

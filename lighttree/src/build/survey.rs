@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 use super::{BuildError, parallel};
 use crate::{Emitter, LightBounds};
@@ -44,23 +44,39 @@ pub(crate) fn chunks(len: usize) -> Vec<Range<usize>> {
 }
 
 fn survey_range<E: Emitter>(lights: &[E], range: Range<usize>) -> Result<Survey, BuildError> {
-    let mut survey = Survey::EMPTY;
-    for index in range {
-        let bounds = lights[index].bounds();
-        validate(&bounds, index)?;
+    let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+    let (mut kept, mut max_intensity) = (0, 0.0f32);
+    for (light, index) in lights[range.clone()].iter().zip(range.start..) {
+        let bounds = light.bounds();
+        if !is_usable(&bounds) {
+            validate(&bounds, index)?;
+        }
         if bounds.intensity == 0.0 {
-            survey.dropped += 1;
             continue;
         }
-        let center = half_center(&bounds);
-        survey.kept += 1;
-        survey.min = survey.min.min(center);
-        survey.max = survey.max.max(center);
-        survey.max_intensity = survey.max_intensity.max(bounds.intensity);
+        let center = Vec3A::from(half_center(&bounds));
+        kept += 1;
+        (min, max) = (min.min(center), max.max(center));
+        max_intensity = max_intensity.max(bounds.intensity);
     }
-    Ok(survey)
+    Ok(Survey { min: min.into(), max: max.into(), kept, dropped: range.len() - kept, max_intensity })
 }
 
+/// Whether all is well, without branches; a refusal is [`validate`]'s to explain, or to take back.
+fn is_usable(b: &LightBounds) -> bool {
+    // No sum of finite and other numbers is finite.
+    let sum = (b.min + b.max + b.axis).element_sum() + b.cos_theta_o + b.cos_theta_e + b.intensity;
+    let box_and_intensity = b.min.cmple(b.max).all() & (b.intensity >= 0.0);
+    let cone = (b.cos_theta_o.abs() <= 1.0) & (b.cos_theta_e >= 0.0) & (b.cos_theta_e <= 1.0);
+    sum.is_finite() & box_and_intensity & cone & is_unit(b.axis)
+}
+
+/// As near to 1 as a sloppy normalisation in f32 comes.
+fn is_unit(axis: Vec3) -> bool {
+    (axis.length_squared() - 1.0).abs() <= 1e-3
+}
+
+#[cold]
 fn validate(b: &LightBounds, index: usize) -> Result<(), BuildError> {
     let scalars = b.cos_theta_o.is_finite() && b.cos_theta_e.is_finite() && b.intensity.is_finite();
     if !(b.min.is_finite() && b.max.is_finite() && b.axis.is_finite() && scalars) {
@@ -73,9 +89,7 @@ fn validate(b: &LightBounds, index: usize) -> Result<(), BuildError> {
         return Err(BuildError::InvertedBox { index });
     }
     let in_range = b.cos_theta_o.abs() <= 1.0 && (0.0..=1.0).contains(&b.cos_theta_e);
-    // As near to 1 as a sloppy normalisation in f32 comes.
-    let unit = (b.axis.length_squared() - 1.0).abs() <= 1e-3;
-    if in_range && unit { Ok(()) } else { Err(BuildError::InvalidCone { index }) }
+    if in_range && is_unit(b.axis) { Ok(()) } else { Err(BuildError::InvalidCone { index }) }
 }
 
 impl Survey {

@@ -234,7 +234,8 @@ impl Turn {
     /// The angle in [0, π] between two unit vectors.
     fn between(a: DVec3, b: DVec3) -> Self {
         let (cos, sin) = (a.dot(b), a.cross(b).length());
-        let length = cos.hypot(sin);
+        // Of about 1: no overflow for `hypot` to save from.
+        let length = (cos * cos + sin * sin).sqrt();
         Self { cos: cos / length, sin: sin / length }
     }
 

@@ -115,48 +115,111 @@ impl Bin {
         self.count += other.count;
     }
 
-    /// Intensity · `M_A` · `M_Ω`, for lengths in units of `1 / per_length`.
-    fn cost(&self, per_length: f32) -> f64 {
+    /// `M_A` in units of `1 / per_length²`.
+    fn area(&self, per_length: f32) -> f32 {
         let extent = (self.high - self.low).xyz() * per_length + LEAST;
-        let area = extent.dot(extent.yzx());
-        self.intensity * f64::from(area * (self.solid_angle() + LEAST))
-    }
-
-    /// `M_Ω / 4π`: how much of all directions the lights emit into, weighted by the emission cosine.
-    fn solid_angle(&self) -> f32 {
-        let (cos_o, cos_e) = (self.cos_theta_o(), self.axis_low.w);
-        let sin_o = sine(cos_o);
-        let (theta_o, theta_e) = (acos(cos_o), acos(cos_e));
-        let theta_w = (theta_o + theta_e).min(core::f32::consts::PI);
-        // cos(θo - 2 θw) by the addition theorem: θo - 2 θw is -(θo + 2 θe), or θo - 2π.
-        let cos_last = if theta_w < core::f32::consts::PI {
-            let (cos_2e, sin_2e) = (2.0 * cos_e * cos_e - 1.0, 2.0 * cos_e * sine(cos_e));
-            cos_o * cos_2e - sin_o * sin_2e
-        } else {
-            cos_o
-        };
-        let penumbra = 2.0 * (theta_w - theta_o) * sin_o - cos_last + cos_o;
-        0.5 * (1.0 - cos_o) + 0.125 * penumbra
-    }
-
-    /// Cosine of a half angle that holds all normals: around the box of axes, plus the widest of the lights' own.
-    fn cos_theta_o(&self) -> f32 {
-        let own = self.low.w;
-        let center = 0.5 * (self.axis_low + self.axis_high).xyz();
-        let half = 0.5 * (self.axis_high - self.axis_low).xyz();
-        let length = center.length();
-        // A unit vector within `half` of the centre has at least this cosine to it.
-        let around = (1.0 + length * length - half.length_squared()) / (2.0 * length.max(1e-6));
-        let around = around.clamp(-1.0, 1.0);
-        if own <= -around { -1.0 } else { own * around - sine(own) * sine(around) }
+        extent.dot(extent.yzx())
     }
 }
 
+/// Sets of lights whose costs are worked out side by side; the compiler makes vector code of it.
+#[derive(Clone, Copy, Default)]
+struct Lanes {
+    intensity: [f64; LANES],
+    area: [f32; LANES],
+    /// Smallest `cos_theta_o` of a light.
+    own: [f32; LANES],
+    /// Smallest `cos_theta_e`.
+    cos_e: [f32; LANES],
+    /// Squared length of the centre of the box of axes, and of half its diagonal.
+    center: [f32; LANES],
+    half: [f32; LANES],
+}
+
+const LANES: usize = 8;
+
+impl Lanes {
+    fn set(&mut self, lane: usize, bin: &Bin, per_length: f32) {
+        self.intensity[lane] = bin.intensity;
+        self.area[lane] = bin.area(per_length);
+        (self.own[lane], self.cos_e[lane]) = (bin.low.w, bin.axis_low.w);
+        self.center[lane] = 0.25 * (bin.axis_low + bin.axis_high).xyz().length_squared();
+        self.half[lane] = 0.25 * (bin.axis_high - bin.axis_low).xyz().length_squared();
+    }
+
+    /// Intensity · `M_A` · `M_Ω`.
+    fn costs(&self) -> [f64; LANES] {
+        let mut angles = [0.0; LANES];
+        for (i, angle) in angles.iter_mut().enumerate() {
+            let cos_o = cos_theta_o(self.own[i], self.center[i], self.half[i]);
+            *angle = self.area[i] * (solid_angle(cos_o, self.cos_e[i]) + LEAST);
+        }
+        core::array::from_fn(|i| self.intensity[i] * f64::from(angles[i]))
+    }
+}
+
+/// Costs of sets of lights, in the order in which they are added.
+struct Costs {
+    open: Lanes,
+    count: usize,
+    done: [[f64; LANES]; MAX_SETS.div_ceil(LANES)],
+}
+
+/// Both sides of every split of three axes.
+const MAX_SETS: usize = 3 * 2 * (MAX_BINS as usize - 1);
+
+impl Costs {
+    fn new() -> Self {
+        Self { open: Lanes::default(), count: 0, done: [[0.0; LANES]; MAX_SETS.div_ceil(LANES)] }
+    }
+
+    fn add(&mut self, bin: &Bin, per_length: f32) {
+        self.open.set(self.count % LANES, bin, per_length);
+        self.count += 1;
+        if self.count.is_multiple_of(LANES) {
+            self.done[self.count / LANES - 1] = self.open.costs();
+        }
+    }
+
+    fn finish(&mut self) -> &[f64] {
+        if !self.count.is_multiple_of(LANES) {
+            self.done[self.count / LANES] = self.open.costs();
+        }
+        &self.done.as_flattened()[..self.count]
+    }
+}
+
+/// `M_Ω / 4π`: how much of all directions the lights emit into, weighted by the emission cosine.
+#[inline(always)]
+fn solid_angle(cos_o: f32, cos_e: f32) -> f32 {
+    let (sin_o, sin_e) = (sine(cos_o), sine(cos_e));
+    let (theta_o, theta_e) = (acos(cos_o), acos(cos_e));
+    let theta_w = (theta_o + theta_e).min(core::f32::consts::PI);
+    // cos(θo - 2 θw) by the addition theorem: θo - 2 θw is -(θo + 2 θe), or θo - 2π.
+    let cos_sum = cos_o * (2.0 * cos_e * cos_e - 1.0) - sin_o * (2.0 * cos_e * sin_e);
+    let cos_last = if theta_w < core::f32::consts::PI { cos_sum } else { cos_o };
+    let penumbra = 2.0 * (theta_w - theta_o) * sin_o - cos_last + cos_o;
+    0.5 * (1.0 - cos_o) + 0.125 * penumbra
+}
+
+/// Cosine of a half angle that holds all normals: around the box of axes, given the squared lengths of its centre and of
+/// half its diagonal, plus the widest of the lights' own.
+#[inline(always)]
+fn cos_theta_o(own: f32, center: f32, half: f32) -> f32 {
+    // A unit vector within `half` of the centre has at least this cosine to it.
+    let around = (1.0 + center - half) / (2.0 * center.sqrt().max(1e-6));
+    let around = around.clamp(-1.0, 1.0);
+    let sum = own * around - sine(own) * sine(around);
+    if own <= -around { -1.0 } else { sum }
+}
+
+#[inline(always)]
 fn sine(cos: f32) -> f32 {
     (1.0 - cos * cos).max(0.0).sqrt()
 }
 
 /// Arc cosine to 7e-5 radians: Abramowitz and Stegun, "Handbook of Mathematical Functions", 1964, 4.4.45.
+#[inline(always)]
 pub(crate) fn acos(cos: f32) -> f32 {
     let x = cos.abs().min(1.0);
     let angle = (1.0 - x).sqrt() * (1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - x * 0.018_729_3)));
@@ -172,9 +235,18 @@ struct Grid {
 }
 
 impl Grid {
-    fn bin(&self, light: &Light, axis: usize) -> usize {
+    fn cells(&self, light: &Light) -> [usize; 3] {
+        let cell = (light.half_center() - self.min) * self.scale;
+        cell.to_array().map(|cell| self.bin(cell))
+    }
+
+    fn cell(&self, light: &Light, axis: usize) -> usize {
+        self.bin((light.half_center()[axis] - self.min[axis]) * self.scale[axis])
+    }
+
+    fn bin(&self, cell: f32) -> usize {
         // Out of range only by rounding, or where an axis has no extent; a cast of NaN is 0.
-        (((light.half_center()[axis] - self.min[axis]) * self.scale[axis]) as usize).min(self.bins - 1)
+        (cell as u32 as usize).min(self.bins - 1)
     }
 }
 
@@ -193,7 +265,7 @@ impl Saoh {
             return 1;
         }
         let Some((grid, axis, last)) = self.best_split(items) else { return median::split(items) };
-        let count = partition(items, |light| grid.bin(light, axis) <= last);
+        let count = partition(items, |light| grid.cell(light, axis) <= last);
         // Never so unless a coordinate was binned twice differently.
         if count == 0 || count == items.len() { median::split(items) } else { count }
     }
@@ -211,17 +283,27 @@ impl Saoh {
         let grid = Grid { min: centers.0, scale: bins as f32 / (centers.1 - centers.0), bins };
         let binned = bin_all(items, &grid);
 
+        let mut costs = Costs::new();
+        let splits: [usize; 3] = core::array::from_fn(|axis| {
+            let bins = &binned[axis * bins..][..bins];
+            if centers.1[axis] > centers.0[axis] { add_splits(bins, per_length, &mut costs) } else { 0 }
+        });
+
         let mut best = None;
         let mut least = f64::INFINITY;
-        for (axis, bins) in binned.chunks(bins).enumerate() {
-            if centers.1[axis] <= centers.0[axis] {
-                continue;
-            }
+        let mut costs = costs.finish();
+        for (axis, splits) in splits.into_iter().enumerate() {
+            let (right, left);
+            (right, costs) = costs.split_at(splits);
+            (left, costs) = costs.split_at(splits);
             let k_r = f64::from((extent[axis] * per_length).max(LEAST)).recip();
-            let (last, cost) = best_of_axis(bins, per_length);
-            if k_r * cost < least {
-                least = k_r * cost;
-                best = Some((grid, axis, last));
+            let full = (0..bins).filter(|bin| binned[axis * bins + bin].count > 0);
+            for ((left, right), last) in left.iter().zip(right.iter().rev()).zip(full) {
+                let cost = k_r * (left + right);
+                if cost < least {
+                    least = cost;
+                    best = Some((grid, axis, last));
+                }
             }
         }
         best
@@ -255,8 +337,8 @@ fn bin_all(items: &[Light], grid: &Grid) -> Vec<Bin> {
     let part = |items: &[Light]| {
         let mut bins = vec![Bin::EMPTY; 3 * grid.bins];
         for light in items {
-            for axis in 0..3 {
-                bins[axis * grid.bins + grid.bin(light, axis)].add(light);
+            for (axis, cell) in grid.cells(light).into_iter().enumerate() {
+                bins[axis * grid.bins + cell].add(light);
             }
         }
         bins
@@ -272,36 +354,22 @@ fn bin_all(items: &[Light], grid: &Grid) -> Vec<Bin> {
     joined.unwrap_or_default()
 }
 
-/// The last bin on the left of the cheapest split, and its cost; infinite where all lights are in one bin.
-fn best_of_axis(bins: &[Bin], per_length: f32) -> (usize, f64) {
-    // Costs of everything right of each bin that holds something.
-    let mut right_costs = [0.0; MAX_BINS as usize];
+/// Adds the costs of the sides of every split between bins that hold something: all right sides, from the last bin on,
+/// then all left ones, from the first. Returns the number of splits.
+fn add_splits(bins: &[Bin], per_length: f32, costs: &mut Costs) -> usize {
+    let full = || bins.iter().filter(|bin| bin.count > 0);
+    let splits = full().count().saturating_sub(1);
     let mut right = Bin::EMPTY;
-    for (i, bin) in bins.iter().enumerate().skip(1).rev() {
-        if bin.count > 0 {
-            right.merge(bin);
-            right_costs[i] = right.cost(per_length);
-        } else if let Some(&next) = right_costs.get(i + 1) {
-            right_costs[i] = next;
-        }
+    for bin in full().rev().take(splits) {
+        right.merge(bin);
+        costs.add(&right, per_length);
     }
-
-    let (mut best, mut left) = ((0, f64::INFINITY), Bin::EMPTY);
-    let total = bins.iter().map(|bin| bin.count).sum::<usize>();
-    for (i, bin) in bins.iter().enumerate() {
-        if bin.count == 0 {
-            continue;
-        }
+    let mut left = Bin::EMPTY;
+    for bin in full().take(splits) {
         left.merge(bin);
-        if left.count == total {
-            break;
-        }
-        let cost = left.cost(per_length) + right_costs[i + 1];
-        if cost < best.1 {
-            best = (i, cost);
-        }
+        costs.add(&left, per_length);
     }
-    best
+    splits
 }
 
 /// Moves those that go left to the front; their number.
@@ -338,16 +406,10 @@ mod tests {
     fn solid_angle_is_the_papers() {
         for theta_o in [0.0, 0.3, 1.0, 1.7, 2.5, core::f64::consts::PI] {
             for theta_e in [0.0, 0.5, 1.2, core::f64::consts::FRAC_PI_2] {
-                let mut bin = Bin::EMPTY;
-                bin.add(&Light {
-                    low: Vec3::ZERO.extend(theta_o.cos() as f32),
-                    high: Vec4::ZERO,
-                    axis: Vec3::X.extend(theta_e.cos() as f32),
-                    intensity: 1.0,
-                    light: LightId(0),
-                });
                 let expected = solid_angle(theta_o, theta_e) / (4.0 * core::f64::consts::PI);
-                let got = f64::from(bin.solid_angle());
+                // One axis: its box is a point at distance 1.
+                let cos_o = cos_theta_o(theta_o.cos() as f32, 1.0, 0.0);
+                let got = f64::from(super::solid_angle(cos_o, theta_e.cos() as f32));
                 assert!((got - expected).abs() < 2e-4, "{theta_o} {theta_e}: {got}, not {expected}");
             }
         }

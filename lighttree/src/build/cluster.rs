@@ -33,6 +33,8 @@ const PART: usize = 256;
 
 /// Clusters that a search compares on either side.
 const RADIUS: usize = 10;
+/// On both.
+const CANDIDATES: usize = 2 * RADIUS;
 
 /// The finished hierarchy: which clusters were joined. Cluster `i` below the number of lights is the light at place
 /// `i`; the others are the unions in the order they were made.
@@ -227,43 +229,49 @@ impl Clusters {
 
     /// The place of the nearest cluster along the curve; [`NONE`] only if there is no other.
     fn find_nearest(&self, place: u32) -> u32 {
-        let cluster = &self.clusters[place as usize];
-        let mut best = (f32::INFINITY, NONE);
+        let mut others = [NONE; CANDIDATES];
+        let mut count = 0;
         for links in [&self.left, &self.right] {
-            let along =
-                core::iter::successors(Some(links[place as usize]), |&at| links.get(at as usize).copied());
-            for other in along.take_while(|&at| at != NONE).take(RADIUS) {
-                let distance = self.distance(cluster, &self.clusters[other as usize], best.0);
-                if best.1 == NONE || distance < best.0 || distance == best.0 && other ^ place < best.1 ^ place
-                {
-                    best = (distance, other);
-                }
+            let (mut at, end) = (links[place as usize], count + RADIUS);
+            while at != NONE && count < end {
+                others[count] = at;
+                count += 1;
+                at = links[at as usize];
             }
         }
-        best.1
+        let others = &others[..count];
+        let distances = self.distances(&self.clusters[place as usize], others);
+        let least = distances[..count].iter().fold(f32::INFINITY, |least, &distance| least.min(distance));
+        let nearest = others.iter().zip(distances).filter(|&(_, distance)| distance == least);
+        nearest.map(|(&other, _)| other).min_by_key(|other| other ^ place).unwrap_or(NONE)
     }
 
-    /// The metric of the union of two clusters; or anything above `limit`, if it is above.
-    fn distance(&self, a: &Cluster, b: &Cluster, limit: f32) -> f32 {
-        let diagonal = (a.high.max(b.high) - a.low.min(b.low)).length_squared();
-        let intensity = a.intensity + b.intensity;
-        if intensity * diagonal > limit || !(a.oriented || b.oriented) {
-            return intensity * diagonal;
+    /// The metric of the union of a cluster with each of some others, worked out side by side.
+    fn distances(&self, cluster: &Cluster, others: &[u32]) -> [f32; CANDIDATES] {
+        let mut diagonal = [0.0; CANDIDATES];
+        let mut intensity = [0.0; CANDIDATES];
+        let mut cosine = [0.0; CANDIDATES];
+        let mut theta_o = [0.0; CANDIDATES];
+        let mut direction_scale = [0.0; CANDIDATES];
+        for (i, &other) in others.iter().enumerate() {
+            let other = &self.clusters[other as usize];
+            diagonal[i] = (cluster.high.max(other.high) - cluster.low.min(other.low)).length_squared();
+            intensity[i] = cluster.intensity + other.intensity;
+            let dot = cluster.axis.dot(other.axis);
+            cosine[i] = if cluster.two_sided || other.two_sided { dot.abs() } else { dot };
+            theta_o[i] = other.theta_o;
+            if cluster.oriented || other.oriented {
+                direction_scale[i] = self.direction_scale;
+            }
         }
-        let cosine = a.axis.dot(b.axis);
-        let cosine = if a.two_sided || b.two_sided { cosine.abs() } else { cosine };
-        let between = saoh::acos(cosine);
-        let beta = (0.5 * (a.theta_o + b.theta_o + between)).max(a.theta_o).max(b.theta_o);
-        intensity * (diagonal + self.direction(beta))
-    }
-
-    /// `c² (1 - cos β)²`, `β` up to π. 1 - cos β is 2 sin²(β/2); the sine is cut off after the seventh power.
-    fn direction(&self, beta: f32) -> f32 {
-        let x = 0.5 * beta.min(core::f32::consts::PI);
-        let xx = x * x;
-        let sine = x * (1.0 - xx * (1.0 / 6.0 - xx * (1.0 / 120.0 - xx / 5040.0)));
-        let one_minus_cos = 2.0 * sine * sine;
-        self.direction_scale * one_minus_cos * one_minus_cos
+        core::array::from_fn(|i| {
+            let beta = 0.5 * (cluster.theta_o + theta_o[i] + saoh::acos(cosine[i]));
+            let beta = beta.max(cluster.theta_o).max(theta_o[i]);
+            let one_minus_cos = one_minus_cos(beta);
+            let distance = intensity[i] * (diagonal[i] + direction_scale[i] * one_minus_cos * one_minus_cos);
+            // Nothing times infinity: as far as can be.
+            if distance.is_nan() { f32::INFINITY } else { distance }
+        })
     }
 
     fn follow(&mut self, place: u32, nearest: u32) {
@@ -306,6 +314,15 @@ impl Clusters {
         core::iter::successors(Some(0), |&at| Some(self.right[at as usize]).filter(|&at| at != NONE))
             .collect()
     }
+}
+
+/// 1 - cos β, `β` cut off at π, as 2 sin²(β/2); the sine is cut off after the seventh power.
+#[inline(always)]
+fn one_minus_cos(beta: f32) -> f32 {
+    let x = 0.5 * beta.min(core::f32::consts::PI);
+    let xx = x * x;
+    let sine = x * (1.0 - xx * (1.0 / 6.0 - xx * (1.0 / 120.0 - xx / 5040.0)));
+    2.0 * sine * sine
 }
 
 impl Cluster {

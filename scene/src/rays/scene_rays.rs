@@ -255,7 +255,7 @@ impl RayQueries for SceneRays {
                 tree.occluded_each(segments, occluded, &AcceptAll, scratch);
             }
             Tree::Flattened(tree) => {
-                tree.occluded_each(segments, occluded, &self.holes(Asked::Occlusion), scratch)
+                tree.occluded_each(segments, occluded, &self.holes(Asked::Occlusion), scratch);
             }
             Tree::TwoLevel(_) => {
                 assert_eq!(segments.len(), occluded.len(), "one answer per segment");
@@ -297,7 +297,7 @@ impl RayQueries for SceneRays {
                 tree.occluded_from(origin, targets, occluded, &AcceptAll, scratch);
             }
             Tree::Flattened(tree) => {
-                tree.occluded_from(origin, targets, occluded, &self.holes(Asked::Occlusion), scratch)
+                tree.occluded_from(origin, targets, occluded, &self.holes(Asked::Occlusion), scratch);
             }
             Tree::TwoLevel(_) => {
                 assert_eq!(targets.len(), occluded.len(), "one answer per target");

@@ -145,10 +145,10 @@ fn measure<'a, D>(
         .measurement_time(Duration::from_millis(500));
     group.throughput(Throughput::Elements(segments.len() as u64));
     group.bench_function(BenchmarkId::new(label, "whole"), |b| {
-        b.iter(|| shade(frame, &tiles, method, &mut scratch))
+        b.iter(|| shade(frame, &tiles, method, &mut scratch));
     });
     group.bench_function(BenchmarkId::new(label, "bare"), |b| {
-        b.iter(|| raw(frame.rays, &segments, &mut ray_scratch))
+        b.iter(|| raw(frame.rays, &segments, &mut ray_scratch));
     });
     group.finish();
 }

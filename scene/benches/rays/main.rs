@@ -172,10 +172,10 @@ impl Bench {
         let (mut out, mut scratch) = (vec![false; set.segments.len()], RayScratch::default());
         group.bench_function("obvhs CwBvh", |b| b.iter(|| self.obvhs_cwbvh(&set.segments, &mut out)));
         group.bench_function("portable", |b| {
-            b.iter(|| self.portable.occluded_each(&set.segments, &mut out, &mut scratch))
+            b.iter(|| self.portable.occluded_each(&set.segments, &mut out, &mut scratch));
         });
         group.bench_function("AVX2", |b| {
-            b.iter(|| self.rays.occluded_each(&set.segments, &mut out, &mut scratch))
+            b.iter(|| self.rays.occluded_each(&set.segments, &mut out, &mut scratch));
         });
         group.bench_function("AVX2 from", |b| b.iter(|| from(&self.rays, set, &mut out, &mut scratch)));
         group.finish();

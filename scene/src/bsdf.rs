@@ -134,14 +134,26 @@ impl Bsdf {
     /// Upper bound of any channel of [`scatter`](Self::scatter) over the directions in `toward`, seen from `position`.
     pub fn scatter_bound(&self, position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
         match self {
-            Self::Lambert { albedo } => {
-                LambertReceiver { position, normal, albedo: albedo.max_element() }.scatter_bound(toward)
-            }
-            Self::Ggx(ggx) => ggx.scatter_bound(position, normal, wo, toward),
-            Self::Phong(phong) => phong.scatter_bound(position, normal, wo, toward),
+            Self::Lambert { albedo } => lambert(position, normal, *albedo).scatter_bound(toward),
+            Self::Ggx(ggx) => ggx.receiver(position, normal, wo).scatter_bound(toward),
+            Self::Phong(phong) => phong.receiver(position, normal, wo).scatter_bound(toward),
             Self::Mirror { .. } | Self::Dielectric(_) => 0.0,
         }
     }
+
+    /// About as much as [`scatter_bound`](Self::scatter_bound), and cheaper: what samplers weigh nodes by.
+    pub fn scatter_importance(&self, position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
+        match self {
+            Self::Lambert { albedo } => lambert(position, normal, *albedo).scatter_importance(toward),
+            Self::Ggx(ggx) => ggx.receiver(position, normal, wo).scatter_importance(toward),
+            Self::Phong(phong) => phong.receiver(position, normal, wo).scatter_importance(toward),
+            Self::Mirror { .. } | Self::Dielectric(_) => 0.0,
+        }
+    }
+}
+
+fn lambert(position: Vec3, normal: Vec3, albedo: Vec3) -> LambertReceiver {
+    LambertReceiver { position, normal, albedo: albedo.max_element() }
 }
 
 /// A sample with the weight that its density demands; `None` where nothing is scattered.

@@ -49,6 +49,10 @@ impl Receiver for ShadingPoint {
     fn scatter_bound(&self, toward: &Toward) -> f32 {
         self.bsdf.scatter_bound(self.position, self.normal, self.wo, toward)
     }
+
+    fn scatter_importance(&self, toward: &Toward) -> f32 {
+        self.bsdf.scatter_importance(self.position, self.normal, self.wo, toward)
+    }
 }
 
 impl ShadingPoint {

@@ -12,7 +12,7 @@
 use core::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use lighttree::{GgxReceiver, Receiver, Toward};
+use lighttree::GgxReceiver;
 
 use super::cosine_hemisphere;
 
@@ -136,14 +136,15 @@ impl Ggx {
         (half.x * tangent + half.y * bitangent + half.z * normal).normalize_or(normal)
     }
 
-    pub(super) fn scatter_bound(&self, position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
+    /// What bounds this surface's scattering.
+    pub(super) fn receiver(&self, position: Vec3, normal: Vec3, wo: Vec3) -> GgxReceiver {
         // The interface lets most through at normal incidence of the light. The receiver's lobe reaches 1 at grazing incidence,
         // ours at most that; it needs some reflectance at normal incidence to have a lobe at all.
         let through = (1.0 - schlick(self.interface, normal.dot(wo))) * (1.0 - self.interface[0]);
         let diffuse = PI * self.base.max_element() * through;
         let f0 = self.f0.max_element();
         let f0 = if self.f90 > 0.0 { f0.max(f32::MIN_POSITIVE) } else { f0 };
-        GgxReceiver { position, normal, view: wo, diffuse, f0, alpha: self.alpha }.scatter_bound(toward)
+        GgxReceiver { position, normal, view: wo, diffuse, f0, alpha: self.alpha }
     }
 
     /// Probability of sampling the lobe: its share of the reflectance of a smooth interface.

@@ -6,7 +6,7 @@
 use core::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use lighttree::{PhongReceiver, Receiver, Toward};
+use lighttree::PhongReceiver;
 
 use super::{cosine_hemisphere, reflect};
 
@@ -67,10 +67,10 @@ impl Phong {
         (normal.dot(wi) > 0.0).then_some(wi)
     }
 
-    pub(super) fn scatter_bound(&self, position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
+    /// What bounds this surface's scattering.
+    pub(super) fn receiver(&self, position: Vec3, normal: Vec3, wo: Vec3) -> PhongReceiver {
         let (diffuse, specular) = (self.diffuse.max_element(), self.specular.max_element());
         PhongReceiver { position, normal, view: wo, diffuse, specular, exponent: self.exponent }
-            .scatter_bound(toward)
     }
 
     fn specular_probability(&self) -> f32 {

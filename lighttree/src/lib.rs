@@ -68,7 +68,7 @@ pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
 pub use node::{LightNode, PerfectNode};
 pub use perfect::PerfectTree;
 pub use rays::{Ray, RayHit, RayQueries, Segment};
-pub use receiver::{GgxReceiver, LambertReceiver, PhongReceiver, Receiver};
+pub use receiver::{GgxReceiver, LambertReceiver, PhongReceiver, Receiver, ScatterLobes};
 pub use refit::RefitError;
 pub use sampler::{BatchLightSampler, LightSample, LightSampler, PerReceiver, SampleRequest, WeightedLight};
 pub use select::{CutPolicy, CutSelector, select_cut};

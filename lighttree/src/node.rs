@@ -60,16 +60,19 @@ impl LightNode {
     }
 
     /// Whether it has no children.
+    #[inline]
     pub fn is_leaf(&self) -> bool {
         self.first_child == 0
     }
 
     /// Slots of the lights below it.
+    #[inline]
     pub fn items(&self) -> Range<u32> {
         self.first_item..self.first_item.saturating_add(self.item_count)
     }
 
     /// The decoded bounds; the intensity is in the tree's unit.
+    #[inline]
     pub fn bounds(&self) -> LightBounds {
         LightBounds {
             min: Vec3::from_array(self.min),
@@ -102,6 +105,7 @@ pub struct PerfectNode {
 
 impl PerfectNode {
     /// The node as bounds whose cone holds every direction; the intensity is in the tree's unit.
+    #[inline]
     pub fn bounds(&self) -> LightBounds {
         LightBounds {
             min: Vec3::from_array(self.min),
@@ -154,6 +158,7 @@ fn encode_axis(axis: Vec3) -> u32 {
     quantised(x) | quantised(y) << 16
 }
 
+#[inline]
 fn decode_axis(word: u32) -> Vec3 {
     let unquantised = |half: u32| (f32::from((half as u16).cast_signed()) / AXIS_STEPS).max(-1.0);
     let (x, y) = (unquantised(word), unquantised(word >> 16));
@@ -169,6 +174,7 @@ fn encode_theta_o(cos: f64) -> u32 {
     (start.saturating_sub(1)..65535).find(|&code| f64::from(decode_theta_o(code)) <= cos).unwrap_or(65535)
 }
 
+#[inline]
 fn decode_theta_o(code: u32) -> f32 {
     let s = code as f32 / 65535.0;
     1.0 - 2.0 * s * s
@@ -180,6 +186,7 @@ fn encode_theta_e(cos: f32) -> u32 {
     (start.saturating_sub(1)..32767).find(|&code| decode_theta_e(code) <= cos).unwrap_or(32767)
 }
 
+#[inline]
 fn decode_theta_e(code: u32) -> f32 {
     let s = code as f32 / 32767.0;
     1.0 - s * s

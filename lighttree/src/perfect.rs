@@ -112,6 +112,7 @@ impl PerfectTree {
     ///
     /// # Panics
     /// For an id that is not of this tree.
+    #[inline]
     pub fn node(&self, node: NodeId) -> &PerfectNode {
         &self.nodes[self.node_index(node)]
     }
@@ -122,6 +123,7 @@ impl PerfectTree {
     }
 
     /// Whether no light is in it.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -174,6 +176,7 @@ impl PerfectTree {
     }
 
     /// Depth of a node, and its place in its level.
+    #[inline]
     fn place(&self, node: NodeId) -> (u32, u32) {
         let depth = node.0.ilog2();
         assert!(depth <= self.depth, "node {} is not of this tree", node.0);
@@ -285,10 +288,12 @@ fn parent(children: &[PerfectNode], id: u32) -> PerfectNode {
 }
 
 impl Hierarchy for PerfectTree {
+    #[inline]
     fn root(&self) -> Option<NodeId> {
         (!self.is_empty()).then_some(NodeId(1))
     }
 
+    #[inline]
     fn children(&self, node: NodeId) -> Range<u32> {
         let (depth, place) = self.place(node);
         if depth == self.depth {
@@ -301,6 +306,7 @@ impl Hierarchy for PerfectTree {
 }
 
 impl ItemRanges for PerfectTree {
+    #[inline]
     fn items(&self, node: NodeId) -> Range<u32> {
         let (depth, place) = self.place(node);
         let height = self.depth - depth;
@@ -310,14 +316,17 @@ impl ItemRanges for PerfectTree {
 }
 
 impl LightHierarchy for PerfectTree {
+    #[inline]
     fn bounds(&self, node: NodeId) -> LightBounds {
         self.node(node).bounds()
     }
 
+    #[inline]
     fn light_at(&self, slot: u32) -> LightId {
         LightId(self.nodes[self.inner() + slot as usize].id)
     }
 
+    #[inline]
     fn slot_of(&self, light: LightId) -> Option<u32> {
         let light = light.0 as usize;
         let inner = self.inner();
@@ -333,6 +342,7 @@ impl LightHierarchy for PerfectTree {
         self.nodes.len()
     }
 
+    #[inline]
     fn node_index(&self, node: NodeId) -> usize {
         let (depth, _) = self.place(node);
         node.0.wrapping_add(self.shifts[depth as usize]) as usize

@@ -126,8 +126,10 @@ impl Decisions {
     }
 
     /// True with probability `first / 2^32`, exactly; false with the rest.
+    #[inline]
     pub fn choose(&mut self, first: u32) -> bool {
-        let split = (u128::from(self.last) + 1) * u128::from(first);
+        // (last + 1) · first, with one multiplication.
+        let split = u128::from(self.last) * u128::from(first) + u128::from(first);
         let (whole, part) = ((split >> 32) as u64, split as u32);
         let chosen = match self.value.cmp(&whole) {
             core::cmp::Ordering::Less => {
@@ -192,6 +194,7 @@ impl Decisions {
 
 /// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor` (at
 /// most 2^31) and at least 1 away from certain, and `floor` away from impossible. NaN counts as 1/2.
+#[inline]
 pub fn quantized(probability: f64, floor: u32) -> u32 {
     // Adding 1/2 and cutting off is what rounding is for what is not negative; casts saturate.
     let scaled = if probability.is_nan() { 2_147_483_648.0 } else { probability * TWO_POW_32 + 0.5 };
@@ -199,6 +202,7 @@ pub fn quantized(probability: f64, floor: u32) -> u32 {
 }
 
 /// What [`quantized`] stands for: exact.
+#[inline]
 pub fn probability(quantized: u32) -> f64 {
     f64::from(quantized) / TWO_POW_32
 }

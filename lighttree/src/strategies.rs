@@ -13,7 +13,7 @@ use proptest::sample::select;
 
 use crate::{
     DiskLight, Emitter, EmittingPoint, GgxReceiver, LambertReceiver, LightBounds, OrientedVpl, PhongReceiver,
-    PointLight, PointwiseEmitter, Receiver, SphereLight, SpotLight, Toward, TriangleLight,
+    PointLight, PointwiseEmitter, Receiver, ScatterLobes, SphereLight, SpotLight, Toward, TriangleLight,
 };
 
 /// One of the plain emitters.
@@ -97,6 +97,20 @@ impl Receiver for AnyReceiver {
             Self::Lambert(receiver) => receiver.scatter_bound(toward),
             Self::Phong(receiver) => receiver.scatter_bound(toward),
             Self::Ggx(receiver) => receiver.scatter_bound(toward),
+        }
+    }
+    fn scatter_importance(&self, toward: &Toward) -> f32 {
+        match self {
+            Self::Lambert(receiver) => receiver.scatter_importance(toward),
+            Self::Phong(receiver) => receiver.scatter_importance(toward),
+            Self::Ggx(receiver) => receiver.scatter_importance(toward),
+        }
+    }
+    fn lobes(&self) -> Option<ScatterLobes> {
+        match self {
+            Self::Lambert(receiver) => receiver.lobes(),
+            Self::Phong(receiver) => receiver.lobes(),
+            Self::Ggx(receiver) => receiver.lobes(),
         }
     }
 }

@@ -41,6 +41,7 @@ impl LightTree {
     ///
     /// # Panics
     /// For an id that is not of this tree.
+    #[inline]
     pub fn node(&self, node: NodeId) -> &LightNode {
         &self.nodes[node.0 as usize]
     }
@@ -56,6 +57,7 @@ impl LightTree {
     }
 
     /// Whether no light is in it.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.slots.is_empty()
     }
@@ -78,10 +80,12 @@ impl LightTree {
 }
 
 impl Hierarchy for LightTree {
+    #[inline]
     fn root(&self) -> Option<NodeId> {
         (!self.nodes.is_empty()).then_some(ROOT)
     }
 
+    #[inline]
     fn children(&self, node: NodeId) -> Range<u32> {
         let node = self.node(node);
         let count = if node.is_leaf() { 0 } else { 2 };
@@ -90,20 +94,24 @@ impl Hierarchy for LightTree {
 }
 
 impl ItemRanges for LightTree {
+    #[inline]
     fn items(&self, node: NodeId) -> Range<u32> {
         self.node(node).items()
     }
 }
 
 impl LightHierarchy for LightTree {
+    #[inline]
     fn bounds(&self, node: NodeId) -> LightBounds {
         self.node(node).bounds()
     }
 
+    #[inline]
     fn light_at(&self, slot: u32) -> LightId {
         self.slots[slot as usize]
     }
 
+    #[inline]
     fn slot_of(&self, light: LightId) -> Option<u32> {
         self.slot_of.get(light.0 as usize).copied().filter(|&slot| slot != u32::MAX)
     }

@@ -7,7 +7,8 @@
 //! Differs from them:
 //! - The reflectance is the receiver's own ([`Receiver::scatter_importance`]), not only a cosine, and
 //!   emission counts.
-//! - All in f64, so that no product over- or underflows, whatever the scale. Squared distances are at least
+//! - Two children are weighed together in f32, with lengths scaled by a power of two, and what f32 cannot tell
+//!   is asked again in f64 (`walk/pair.rs`): no product over- or underflows, whatever the scale. Squared distances are at least
 //!   (2^-20 of the root's diagonal)², so that lights at the receiver leave no 0/0.
 //! - While both children may contribute, neither is less probable than 2^-16: whatever the weights get wrong
 //!   costs variance, not bias.
@@ -16,10 +17,15 @@
 //! - No trail of turns is stored with a light: the way down to it is found by item ranges, so depth has no
 //!   limit.
 
+mod pair;
+
 use core::ops::Range;
 
+use glam::Vec3;
+
+use self::pair::{Viewpoint, Weighed};
 use crate::rng::{Decisions, probability, quantized};
-use crate::{BoundTerms, LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver};
+use crate::{BoundTerms, LightBounds, LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver};
 
 /// How the probabilities of two children follow from their bounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -67,17 +73,26 @@ pub struct TreeSampler<'t, T> {
     choice: ChildChoice,
     leaf_intensities: Option<&'t [f32]>,
     least_distance_squared: f64,
+    /// Smallest and largest coordinates of all lights.
+    root: (Vec3, Vec3),
 }
 
 impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
     /// Walks down `tree`, by [`ChildChoice::MinMaxAverage`].
     pub fn new(tree: &'t T) -> Self {
-        let diagonal_squared = tree.root().map_or(0.0, |root| {
+        let root = tree.root().map_or((Vec3::ZERO, Vec3::ZERO), |root| {
             let bounds = tree.bounds(root);
-            bounds.max.as_dvec3().distance_squared(bounds.min.as_dvec3())
+            (bounds.min, bounds.max)
         });
+        let diagonal_squared = root.1.as_dvec3().distance_squared(root.0.as_dvec3());
         let least = if diagonal_squared > 0.0 { diagonal_squared * 2.0f64.powi(-40) } else { 1.0 };
-        Self { tree, choice: ChildChoice::default(), leaf_intensities: None, least_distance_squared: least }
+        Self {
+            tree,
+            choice: ChildChoice::default(),
+            leaf_intensities: None,
+            least_distance_squared: least,
+            root,
+        }
     }
 
     /// The same walk with other probabilities.
@@ -111,6 +126,7 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         receiver: &(impl Receiver + ?Sized),
         random: &mut Decisions,
     ) -> (Option<LightSample>, u32) {
+        let viewpoint = Viewpoint::new(receiver, &self.root);
         let (mut node, mut pmf, mut visited) = (node, 1.0, 0);
         loop {
             let children = self.tree.children(node);
@@ -119,7 +135,7 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
                 1 => node = NodeId(children.start),
                 2 => {
                     visited += 2;
-                    let first = match self.first_of_two(children.start, receiver) {
+                    let first = match self.first_of_two(children.start, viewpoint.as_ref(), receiver) {
                         Pair::Dead => return (None, visited),
                         Pair::Only(first) => first,
                         Pair::Either(q) => {
@@ -163,6 +179,7 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         receiver: &(impl Receiver + ?Sized),
         mut each: impl FnMut(LightId, f64),
     ) {
+        let viewpoint = Viewpoint::new(receiver, &self.root);
         let mut open: Vec<(NodeId, f64)> = self.tree.root().map(|root| (root, 1.0)).into_iter().collect();
         while let Some((node, pmf)) = open.pop() {
             let children = self.tree.children(node);
@@ -178,12 +195,16 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
                 }
             };
             if children.len() == 2 {
-                let (first, second) = self.first_of_two(children.start, receiver).probabilities();
+                let (first, second) =
+                    self.first_of_two(children.start, viewpoint.as_ref(), receiver).probabilities();
                 visit(children.start + 1, second);
                 visit(children.start, first);
             } else {
                 for child in children.clone().rev() {
-                    visit(child, self.probability_of_child(children.clone(), child, receiver));
+                    visit(
+                        child,
+                        self.probability_of_child(children.clone(), child, viewpoint.as_ref(), receiver),
+                    );
                 }
             }
         }
@@ -194,12 +215,13 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         &self,
         children: Range<u32>,
         child: u32,
+        viewpoint: Option<&Viewpoint>,
         receiver: &(impl Receiver + ?Sized),
     ) -> f64 {
         match children.len() {
             0 | 1 => 1.0,
             2 => {
-                let (first, second) = self.first_of_two(children.start, receiver).probabilities();
+                let (first, second) = self.first_of_two(children.start, viewpoint, receiver).probabilities();
                 if child == children.start { first } else { second }
             }
             _ => {
@@ -211,18 +233,29 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
 
     /// Which of two adjacent children, and how probable.
     #[inline]
-    fn first_of_two(&self, first: u32, receiver: &(impl Receiver + ?Sized)) -> Pair {
-        let terms = |child| BoundTerms::importance(&self.tree.bounds(NodeId(child)), receiver);
-        let (a, b) = (terms(first), terms(first + 1));
-        match (a.strength > 0.0, b.strength > 0.0) {
-            (false, false) => Pair::Dead,
-            (true, false) => Pair::Only(true),
-            (false, true) => Pair::Only(false),
-            (true, true) => Pair::Either(quantized(
-                self.choice.first_probability(&a, &b, self.least_distance_squared),
-                FLOOR,
-            )),
+    fn first_of_two(
+        &self,
+        first: u32,
+        viewpoint: Option<&Viewpoint>,
+        receiver: &(impl Receiver + ?Sized),
+    ) -> Pair {
+        let pair = [first, first + 1].map(|child| self.tree.bounds(NodeId(child)));
+        if let Some(viewpoint) = viewpoint
+            && let Some(weighed) = viewpoint.weigh(&pair, receiver)
+        {
+            let least = self.least_distance_squared * viewpoint.scale_squared;
+            return Pair::new(weighed.strength, || self.choice.first_of_weighed(&weighed, least));
         }
+        self.first_of_two_in_f64(&pair, receiver)
+    }
+
+    /// The same to the last digit, where f32 has not enough of them.
+    #[cold]
+    fn first_of_two_in_f64(&self, pair: &[LightBounds; 2], receiver: &(impl Receiver + ?Sized)) -> Pair {
+        let [a, b] = pair.each_ref().map(|bounds| BoundTerms::importance(bounds, receiver));
+        Pair::new([a.strength, b.strength], || {
+            self.choice.first_probability(&a, &b, self.least_distance_squared)
+        })
     }
 
     /// Weights of more than two children, none of them smaller than 2^-16 of all unless it is 0.
@@ -271,6 +304,7 @@ impl<T: LightHierarchy, R: Receiver + ?Sized> LightSampler<R> for TreeSampler<'_
 
     fn pmf(&self, receiver: &R, light: LightId) -> f64 {
         let (Some(mut node), Some(slot)) = (self.tree.root(), self.tree.slot_of(light)) else { return 0.0 };
+        let viewpoint = Viewpoint::new(receiver, &self.root);
         let mut pmf = 1.0;
         loop {
             let children = self.tree.children(node);
@@ -278,7 +312,7 @@ impl<T: LightHierarchy, R: Receiver + ?Sized> LightSampler<R> for TreeSampler<'_
             else {
                 return pmf * self.share_in_leaf(self.tree.items(node), slot);
             };
-            pmf *= self.probability_of_child(children, child, receiver);
+            pmf *= self.probability_of_child(children, child, viewpoint.as_ref(), receiver);
             if pmf == 0.0 {
                 return 0.0;
             }
@@ -298,6 +332,17 @@ enum Pair {
 }
 
 impl Pair {
+    /// Of two strengths, and what the probability of the first is if both are positive.
+    #[inline]
+    fn new([a, b]: [f64; 2], first: impl FnOnce() -> f64) -> Self {
+        match (a > 0.0, b > 0.0) {
+            (false, false) => Self::Dead,
+            (true, false) => Self::Only(true),
+            (false, true) => Self::Only(false),
+            (true, true) => Self::Either(quantized(first(), FLOOR)),
+        }
+    }
+
     /// Of the first and of the second; both 0 if dead.
     fn probabilities(&self) -> (f64, f64) {
         match *self {
@@ -337,6 +382,42 @@ impl ChildChoice {
             Self::Upper => near(),
         }
     }
+}
+
+impl ChildChoice {
+    /// [`first_probability`](Self::first_probability) of two finite strengths, with scaled lengths.
+    #[inline]
+    fn first_of_weighed(self, weighed: &Weighed, least: f64) -> f64 {
+        let [a, b] = weighed.strength;
+        let [near_a, near_b, far_a, far_b] = weighed.squared.map(f64::from);
+        let far_from = |x: f64| if x > 0.0 { x.max(least) } else { 0.0 };
+        let inside_both = near_a == 0.0 && near_b == 0.0;
+        let (near_a, near_b) = if inside_both { (1.0, 1.0) } else { (far_from(near_a), far_from(near_b)) };
+        match self {
+            Self::MinMaxAverage => {
+                // The mean of two fractions as one.
+                let (far_a, far_b) = (far_a.max(least), far_b.max(least));
+                let (n_a, n_b, f_a, f_b) = (a * near_b, b * near_a, a * far_b, b * far_a);
+                let (near, far) = (n_a + n_b, f_a + f_b);
+                0.5 * (n_a * far + f_a * near) / (near * far)
+            }
+            Self::Upper => fraction(a * near_b, b * near_a),
+            Self::Yuksel2019 => {
+                let diagonals = weighed.diagonal_squared();
+                let is_close = (0..2).any(|i| weighed.squared[i] < diagonals[i]);
+                if is_close { fraction(a, b) } else { fraction(a * near_b, b * near_a) }
+            }
+            Self::Center => {
+                let [of_a, of_b] = weighed.center_squared().map(|x| (0.25 * f64::from(x)).max(least));
+                fraction(a * of_b, b * of_a)
+            }
+        }
+    }
+}
+
+/// a / (a + b).
+fn fraction(a: f64, b: f64) -> f64 {
+    a / (a + b)
 }
 
 /// a / (a + b) of two weights that are not both 0; infinite ones outweigh all others.

@@ -15,7 +15,7 @@ pub use phong::Phong;
 use core::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use lighttree::{LambertReceiver, Receiver, Toward};
+use lighttree::{LambertReceiver, Receiver, ScatterLobes, Toward};
 
 /// What a transmitted quantity is: radiance is squeezed into a smaller cone in a denser medium, flux is not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -148,6 +148,16 @@ impl Bsdf {
             Self::Ggx(ggx) => ggx.receiver(position, normal, wo).scatter_importance(toward),
             Self::Phong(phong) => phong.receiver(position, normal, wo).scatter_importance(toward),
             Self::Mirror { .. } | Self::Dielectric(_) => 0.0,
+        }
+    }
+
+    /// The same once and for all directions, where it has that form.
+    pub fn lobes(&self, position: Vec3, normal: Vec3, wo: Vec3) -> Option<ScatterLobes> {
+        match self {
+            Self::Lambert { albedo } => lambert(position, normal, *albedo).lobes(),
+            Self::Ggx(ggx) => ggx.receiver(position, normal, wo).lobes(),
+            Self::Phong(phong) => phong.receiver(position, normal, wo).lobes(),
+            Self::Mirror { .. } | Self::Dielectric(_) => None,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! From the camera to the points that have to be lit: hits, specular chains, shading points.
 
 use glam::{Vec2, Vec3, Vec4};
-use lighttree::{Ray, RayHit, RayQueries, Receiver, Segment, Toward, rng::Random};
+use lighttree::{Ray, RayHit, RayQueries, Receiver, ScatterLobes, Segment, Toward, rng::Random};
 
 use crate::bsdf::{Bsdf, Dielectric, Ggx, Phong, Transport};
 use crate::light::{LightPoint, Profile};
@@ -52,6 +52,11 @@ impl Receiver for ShadingPoint {
 
     fn scatter_importance(&self, toward: &Toward) -> f32 {
         self.bsdf.scatter_importance(self.position, self.normal, self.wo, toward)
+    }
+
+    #[inline]
+    fn lobes(&self) -> Option<ScatterLobes> {
+        self.bsdf.lobes(self.position, self.normal, self.wo)
     }
 }
 

@@ -17,7 +17,7 @@ use core::f64::consts::{FRAC_1_PI, PI};
 use glam::{DVec3, Vec3};
 
 use super::{cosine, mirrored, round_up, unit};
-use crate::{Receiver, Toward};
+use crate::{Receiver, ScatterLobes, Toward};
 
 /// Diffuse plus a GGX microfacet lobe with Smith masking and Schlick's Fresnel term.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,6 +93,28 @@ impl Receiver for GgxReceiver {
         let view = unit(self.view);
         let cos_light = toward.max_cos_f64(unit(self.normal));
         round_up(self.at_cosines(toward, cos_light, || -toward.max_cos_f64(-view)))
+    }
+
+    /// Masking and Fresnel term as they are at the lobe's own middle.
+    fn lobes(&self) -> Option<ScatterLobes> {
+        let (normal, view) = (unit(self.normal), unit(self.view));
+        if normal == DVec3::ZERO {
+            return None;
+        }
+        let diffuse = self.diffuse * core::f32::consts::FRAC_1_PI;
+        if !self.has_lobe() {
+            return ScatterLobes::diffuse(self.normal, self.diffuse);
+        }
+        let cos_view = normal.dot(view).clamp(0.05, 1.0);
+        let peak = self.distribution(1.0, 0.0) * self.masking(cos_view, cos_view) * self.fresnel(cos_view);
+        let lobes = ScatterLobes {
+            normal: normal.as_vec3(),
+            diffuse,
+            axis: mirrored(view, normal).as_vec3(),
+            peak: peak as f32,
+            width_squared: self.alpha * self.alpha,
+        };
+        lobes.usable()
     }
 
     /// The narrow lobe as in the bound, the wide factors roughly.

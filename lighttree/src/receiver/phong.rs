@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_1_PI, TAU};
 use glam::{DVec3, Vec3};
 
 use super::{cosine, mirrored, round_up, unit};
-use crate::{Receiver, Toward};
+use crate::{Receiver, ScatterLobes, Toward};
 
 /// Diffuse plus a Phong lobe, normalised so that it reflects `specular` where it does not reach the horizon.
 ///
@@ -50,6 +50,23 @@ impl Receiver for PhongReceiver {
     /// Largest lobe × largest cosine; they need not be in the same direction.
     fn scatter_bound(&self, toward: &Toward) -> f32 {
         self.at_cosine(toward, toward.max_cos_f64(unit(self.normal)))
+    }
+
+    /// GGX's lobe of the same width, about: α² = 2 / (4n + 2), the microfacets' exponent being four times the lobe's.
+    fn lobes(&self) -> Option<ScatterLobes> {
+        let (normal, view) = (unit(self.normal), unit(self.view));
+        if normal == DVec3::ZERO {
+            return None;
+        }
+        let peak = self.specular * (self.exponent + 2.0) / core::f32::consts::TAU;
+        let lobes = ScatterLobes {
+            normal: normal.as_vec3(),
+            diffuse: self.diffuse * core::f32::consts::FRAC_1_PI,
+            axis: mirrored(view, normal).as_vec3(),
+            peak: peak * normal.dot(view).abs().max(0.05) as f32,
+            width_squared: 1.0 / (2.0 * self.exponent + 1.0),
+        };
+        lobes.usable()
     }
 
     /// The narrow lobe as in the bound, the cosine to the normal roughly.

@@ -239,18 +239,20 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         viewpoint: Option<&Viewpoint>,
         receiver: &(impl Receiver + ?Sized),
     ) -> Pair {
-        let pair = [first, first + 1].map(|child| self.tree.bounds(NodeId(child)));
+        // Not by `map`, which the optimiser leaves as calls that pass their results through memory.
+        let (a, b) = (self.tree.bounds(NodeId(first)), self.tree.bounds(NodeId(first + 1)));
         if let Some(viewpoint) = viewpoint
-            && let Some(weighed) = viewpoint.weigh(&pair, receiver)
+            && let Some(weighed) = viewpoint.weigh(&a, &b, receiver)
         {
             let least = self.least_distance_squared * viewpoint.scale_squared;
             return Pair::new(weighed.strength, || self.choice.first_of_weighed(&weighed, least));
         }
-        self.first_of_two_in_f64(&pair, receiver)
+        self.first_of_two_in_f64(&[a, b], receiver)
     }
 
     /// The same to the last digit, where f32 has not enough of them.
     #[cold]
+    #[inline(never)]
     fn first_of_two_in_f64(&self, pair: &[LightBounds; 2], receiver: &(impl Receiver + ?Sized)) -> Pair {
         let [a, b] = pair.each_ref().map(|bounds| BoundTerms::importance(bounds, receiver));
         Pair::new([a.strength, b.strength], || {

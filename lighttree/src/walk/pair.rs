@@ -73,7 +73,8 @@ impl Viewpoint {
     #[inline]
     pub(super) fn weigh<R: Receiver + ?Sized>(
         &self,
-        [a, b]: &[LightBounds; 2],
+        a: &LightBounds,
+        b: &LightBounds,
         receiver: &R,
     ) -> Option<Weighed> {
         let lane = |low_a: f32, low_b, high_a, high_b, from: f32| {
@@ -96,7 +97,7 @@ impl Viewpoint {
         } else {
             sphere.emission(a, b)
         };
-        let intensity = [a.intensity, b.intensity].map(f64::from);
+        let intensity = [f64::from(a.intensity), f64::from(b.intensity)];
         let [first, second] = match &self.lobes {
             Some(lobes) => {
                 let (height, distance) = corners.rough_cos(lobes.normal, squared)?;

@@ -4,6 +4,7 @@ use glam::{DVec3, Vec3};
 use lighttree::{Emitter, LightBounds};
 
 use crate::Scene;
+use crate::rays::error_in_world;
 
 /// A light with a place. RGB, linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,9 +85,6 @@ impl Emitter for Light {
     }
 }
 
-/// Relative distance to which f32 arithmetic knows that a point lies on a triangle, as a multiple of its largest coordinate.
-pub(crate) const SURFACE_OFFSET: f32 = 64.0 * f32::EPSILON;
-
 /// A point drawn from a [`Light`], and what it sends out: everything that an unoccluded contribution needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightPoint {
@@ -157,7 +155,7 @@ impl Light {
                     position,
                     intensity: radiance * (0.5 * double_area) as f32,
                     profile: Profile::Cosine { normal, two_sided, virtual_light: false },
-                    offset: SURFACE_OFFSET * vertices.iter().fold(0.0, |m, v| v.abs().max_element().max(m)),
+                    offset: error_in_world(&vertices, double_area),
                 }
             }
         }

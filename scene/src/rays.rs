@@ -56,5 +56,6 @@ pub use dispatch::Path;
 pub use error::RaysError;
 pub use ray::Scratch;
 pub use scene_rays::{RaysParams, SceneRays};
+pub(crate) use surface::error_in_world;
 pub use surface::{Surface, offset};
 pub use triangle::{AcceptAll, HitFilter};

@@ -4,8 +4,8 @@ use glam::{Affine2, Affine3A, Vec2, Vec3};
 use lighttree::{Ray, RayHit, RayQueries, Segment};
 use obvhs::test_util::geometry::icosphere;
 use scene::{
-    AcceptAll, AlphaMode, Instance, Material, Mesh, RayPath, RaysError, RaysParams, Scene, SceneRays,
-    Texture, TextureSlot, WideBvh, Wrap,
+    AcceptAll, AlphaMode, Instance, Light, LightPoint, Material, Mesh, RayPath, RaysError, RaysParams, Scene,
+    SceneRays, Texture, TextureSlot, WideBvh, Wrap,
 };
 
 type Triangle = [Vec3; 3];
@@ -509,6 +509,43 @@ fn scenes_that_cannot_be_traced_say_why() {
     let empty = SceneRays::build(&Scene::default()).expect("nothing is fine");
     let ray = Ray { origin: Vec3::ZERO, direction: Vec3::X, t_max: f32::INFINITY };
     assert_eq!(empty.closest(&ray, &mut Default::default()), None);
+}
+
+/// Emitters from squat to slivers of 10⁻⁵, near the origin and far from it: a segment to a point of one ends before it.
+#[test]
+fn a_light_does_not_shadow_itself_however_slender() {
+    let (mut dice, mut scratch) = (Dice(3), Default::default());
+    let (mut by_coordinate_alone, mut asked) = (0, 0);
+    for round in 0..2000 {
+        let thin = 10f32.powf(-5.0 * dice.unit());
+        let (a, along) = (dice.vector() * [0.0, 1.0, 30.0][round % 3], dice.vector());
+        let corners = [a, a + along, a + along * dice.unit() + dice.vector() * thin];
+        let scene = one_triangle(corners, Affine3A::IDENTITY);
+        let light = Light::Triangle {
+            vertices: corners,
+            radiance: Vec3::ONE,
+            two_sided: true,
+            instance: 0,
+            triangle: 0,
+        };
+        for max_flattened in [8, 0] {
+            let rays = SceneRays::build_with(&scene, &RaysParams { max_flattened }).expect("a sound scene");
+            for _ in 0..40 {
+                let point = light.point(&scene, [dice.unit(), dice.unit()]);
+                let receiver = point.position + 3.0 * dice.vector();
+                let mut shadowed = |point: LightPoint| {
+                    let segment = Segment { from: receiver, to: point.end_toward(receiver) };
+                    rays.occluded(&segment, &mut scratch)
+                };
+                assert!(!shadowed(point), "{corners:?} from {receiver}, flattened: {max_flattened}");
+                let largest = corners.iter().fold(0.0f32, |m, v| m.max(v.abs().max_element()));
+                let offset = 2.0 * f32::EPSILON * largest;
+                by_coordinate_alone += u32::from(shadowed(LightPoint { offset, ..point }));
+                asked += 1;
+            }
+        }
+    }
+    assert!(by_coordinate_alone > asked / 1000, "{by_coordinate_alone} of {asked}: the test sees nothing");
 }
 
 #[test]

@@ -178,12 +178,27 @@ impl Surfaces {
         } else {
             (ROUNDINGS, largest(*corners).max_element())
         };
-        let [a, b, c] = corners.map(|p| p.as_dvec3());
-        let squared = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-        // Longest edge by height; not a number without area, where `min` takes the other.
-        let slenderness = (squared / cross.length()).min(MOST_SLENDER);
-        roundings * f32::EPSILON * (coordinate + (squared.sqrt() * slenderness) as f32)
+        roundings * f32::EPSILON * (coordinate + ill_conditioned(corners, cross.length()))
     }
+}
+
+/// Bound of [`Surface::error`] for a triangle in world space whatever tree holds it, given twice its area: for those who
+/// know no more of it, because it is a light.
+///
+/// Coordinates in the mesh's own space may be up to 8 times those in the world; a mesh modelled farther from its own
+/// origin than that is beyond it where it is in a tree of two levels.
+pub(crate) fn error_in_world(corners: &[Vec3; 3], double_area: f64) -> f32 {
+    let coordinate = corners.iter().fold(0.0f32, |m, p| m.max(p.abs().max_element()));
+    ROUNDINGS_TWO_LEVEL * f32::EPSILON * (16.0 * coordinate + ill_conditioned(corners, double_area))
+}
+
+/// Longest edge times slenderness: how far the weights of a thin triangle may carry a point along it, in roundings.
+fn ill_conditioned(corners: &[Vec3; 3], double_area: f64) -> f32 {
+    let [a, b, c] = corners.map(|p| p.as_dvec3());
+    let squared = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+    // Longest edge by height; not a number without area, where `min` takes the other.
+    let slenderness = (squared / double_area).min(MOST_SLENDER);
+    (squared.sqrt() * slenderness) as f32
 }
 
 impl NormalMap {

@@ -4,15 +4,17 @@
 //! cargo bench -p scene --bench rays
 //! ```
 //!
-//! Prints a table of ratios first, then lets criterion keep a history of a few of its entries. Every method of a
+//! Prints how many of a million rays leave a closed mesh, which should be none, and a table of ratios, then lets criterion keep a history of a few of its entries. Every method of a
 //! row answers the same segments in turn, seven rounds; its time is the CPU time of its best round, since other work on
 //! the machine only adds to it. obvhs: preset `medium`, triangles in the tree's order, its own triangle test (which leaks at
 //! edges: the last column counts the rays that it answers otherwise), rays made from segments as ours are. `CwBvh` gets
 //! unit directions, because it ignores what is nearer than t = 1e-4.
 
+mod leaks;
 mod sets;
 
 use std::hint::black_box;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use criterion::{Criterion, Throughput};
@@ -21,7 +23,7 @@ use lighttree::{RayQueries, Segment};
 use obvhs::bvh2::{Bvh2, builder::build_bvh2_from_tris};
 use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
 use obvhs::{BvhBuildParams, ray::Ray, triangle::Triangle};
-use scene::{RayPath, RayScratch, Scene, SceneRays};
+use scene::{ImportOptions, RayPath, RayScratch, Scene, SceneRays};
 
 use sets::{RaySet, ray_sets};
 
@@ -50,6 +52,7 @@ fn main() {
         "best:obvhs",
         "differ"
     );
+    leaks::print(if full { 1_000_000 } else { 10_000 });
     let benches: Vec<_> = scenes(full).into_iter().map(Bench::new).collect();
     for bench in &benches {
         for set in ray_sets(&bench.scene, &bench.rays) {
@@ -70,7 +73,22 @@ fn main() {
 
 fn scenes(full: bool) -> Vec<Scene> {
     let names: &[&str] = if full { &["hall:10000", "city:10000"] } else { &["hall:100"] };
-    names.iter().map(|name| scene::builtin(name).expect("a built-in scene")).collect()
+    let built_in = names.iter().map(|name| scene::builtin(name).expect("a built-in scene"));
+    let files = if full { &["sponza-lanterns.glb", "kitchen.glb"][..] } else { &[] };
+    built_in.chain(files.iter().filter_map(|file| load(file))).collect()
+}
+
+/// A scene from `LIGHTTREE_SCENES`, or from the folder beside the workspace where the tests look, too.
+fn load(file: &str) -> Option<Scene> {
+    let beside = || concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes").into();
+    let path = std::env::var_os("LIGHTTREE_SCENES").map_or_else(beside, PathBuf::from).join(file);
+    if !path.exists() {
+        eprintln!("skipped: there is no {}", path.display());
+        return None;
+    }
+    let mut scene = scene::load(&path, &ImportOptions::default()).expect("a sound file");
+    file.clone_into(&mut scene.name);
+    Some(scene)
 }
 
 /// A scene in our tree and in obvhs' two.

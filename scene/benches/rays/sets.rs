@@ -46,7 +46,8 @@ struct View {
 impl View {
     fn new(scene: &Scene, rays: &SceneRays) -> Self {
         let mut scratch = RayScratch::default();
-        let camera = &scene.cameras[0];
+        let framing = scene.framing_camera();
+        let camera = scene.cameras.first().unwrap_or(&framing);
         let hits = (0..WIDTH * WIDTH).map(|i| {
             let at = Vec2::new((i % WIDTH) as f32 + 0.5, (i / WIDTH) as f32 + 0.5);
             let ray = camera.ray(at, WIDTH, WIDTH);

@@ -113,6 +113,7 @@ impl AliasTable {
     }
 
     /// Draws an index and its probability; `None` if no weight is positive.
+    #[inline]
     pub fn sample(&self, random: &mut Decisions) -> Option<(usize, f64)> {
         if self.columns.is_empty() {
             return None;

@@ -5,6 +5,7 @@
 //! bits.
 
 /// Four well mixed words from four counters.
+#[inline]
 pub const fn pcg4d(key: [u32; 4]) -> [u32; 4] {
     let mut v = key;
     let mut i = 0;
@@ -21,6 +22,7 @@ pub const fn pcg4d(key: [u32; 4]) -> [u32; 4] {
     mix(v)
 }
 
+#[inline]
 const fn mix(mut v: [u32; 4]) -> [u32; 4] {
     v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[3]));
     v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
@@ -30,6 +32,7 @@ const fn mix(mut v: [u32; 4]) -> [u32; 4] {
 }
 
 /// The top 24 bits of a word as a number in [0, 1): exact in f32, the same in WGSL.
+#[inline]
 pub fn unit_f32(word: u32) -> f32 {
     (word >> 8) as f32 * (1.0 / 16_777_216.0)
 }
@@ -51,12 +54,14 @@ pub struct Random {
 
 impl Random {
     /// The stream at `(seed, stream, index)`, e.g. the user's seed, the pixel and the sample.
+    #[inline]
     pub const fn new(seed: u32, stream: u32, index: u32) -> Self {
         Self { key: [seed, stream, index, 0], words: [0; 4] }
     }
 
     /// The next 32 bits. Word `n` of the stream is component `n % 4` of `pcg4d([seed, stream, index, n /
     /// 4])`.
+    #[inline]
     pub const fn u32(&mut self) -> u32 {
         let lane = (self.key[3] % 4) as usize;
         if lane == 0 {
@@ -67,12 +72,14 @@ impl Random {
     }
 
     /// The next 64 bits, the first word on top.
+    #[inline]
     pub const fn u64(&mut self) -> u64 {
         let high = self.u32() as u64;
         high << 32 | self.u32() as u64
     }
 
     /// The next number in [0, 1), 24 bits of it.
+    #[inline]
     pub fn f32(&mut self) -> f32 {
         unit_f32(self.u32())
     }
@@ -116,11 +123,27 @@ impl Decisions {
     }
 
     /// Starts with a number of the caller's, `first / 2^64`, and goes on with the stream.
+    #[inline]
     pub const fn starting_with(first: u64, stream: Random) -> Self {
         Self { value: first, last: u64::MAX, fresh: stream }
     }
 
+    /// Starts anew with a number of the caller's, as [`starting_with`](Self::starting_with) does, and goes on with the same stream: cheaper than
+    /// to take the stream out and put it into another.
+    #[inline]
+    pub const fn restart(&mut self, first: u64) {
+        self.value = first;
+        self.last = u64::MAX;
+    }
+
+    /// The stream in its place, for fresh words between decisions.
+    #[inline]
+    pub const fn stream(&mut self) -> &mut Random {
+        &mut self.fresh
+    }
+
     /// The stream, to go on with fresh words.
+    #[inline]
     pub fn into_stream(self) -> Random {
         self.fresh
     }
@@ -163,13 +186,15 @@ impl Decisions {
     ///
     /// # Panics
     /// If `count` is 0: there is no such index.
+    #[inline]
     pub fn index(&mut self, count: u32) -> u32 {
         assert!(count > 0, "an index below 0 was asked for");
-        let too_low = u64::from(count).wrapping_neg() % u64::from(count);
         let mut word = if self.last == u64::MAX { self.value } else { self.fresh.u64() };
         loop {
             let product = u128::from(word) * u128::from(count);
-            if product as u64 >= too_low {
+            // What is too low is below `count`, so most words are spared the division.
+            let low = product as u64;
+            if low >= u64::from(count) || low >= u64::from(count).wrapping_neg() % u64::from(count) {
                 self.refresh();
                 return (product >> 64) as u32;
             }
@@ -186,6 +211,7 @@ impl Decisions {
         x.min(1.0 - f64::EPSILON / 2.0)
     }
 
+    #[inline]
     fn refresh(&mut self) {
         self.value = self.fresh.u64();
         self.last = u64::MAX;

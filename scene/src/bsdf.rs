@@ -72,6 +72,7 @@ impl Bsdf {
     }
 
     /// `f_s` · cos θ per channel, sr⁻¹: finite, not negative.
+    #[inline]
     pub fn scatter(&self, normal: Vec3, wo: Vec3, wi: Vec3) -> Vec3 {
         match self {
             Self::Lambert { albedo } => *albedo * (FRAC_1_PI * normal.dot(wi).max(0.0)),

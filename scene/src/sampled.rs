@@ -51,23 +51,31 @@ impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> DirectLighting<Q> for Sa
         counts: &mut Counts,
     ) {
         for (index, point) in points.iter().enumerate() {
-            let mut random = point.random(frame.seed, Purpose::Lights);
+            let mut random = Decisions::starting_with(0, point.random(frame.seed, Purpose::Lights));
             // 2⁶⁴ ÷ samples but for rounding: a product is cheaper than a division of 128 bits for each sample.
             let stratum = u64::MAX / u64::from(self.samples.max(1));
             for k in 0..self.samples {
-                // Draw a light and a point on it.
-                let within = (u128::from(random.u64()) * u128::from(stratum)) >> 64;
+                // Draw a light, and a point on it if that can matter.
+                let within = (u128::from(random.stream().u64()) * u128::from(stratum)) >> 64;
                 let first = u64::from(k) * stratum + within as u64;
-                let mut decisions = Decisions::starting_with(first, random);
-                let sample = self.sampler.sample(point, &mut decisions);
-                random = decisions.into_stream();
-                let Some(LightSample { light, pmf }) = sample else { continue };
+                random.restart(first);
+                let Some(LightSample { light, pmf }) = self.sampler.sample(point, &mut random) else {
+                    continue;
+                };
                 let light = &frame.lights[light.0 as usize];
-                let at = if light.is_point() { [0.0; 2] } else { [random.f32(), random.f32()] };
+                counts.light_evaluations += 1;
+                if light.is_turned_away(point.position, point.geometric_normal) {
+                    continue;
+                }
+                let at = if light.is_point() {
+                    [0.0; 2]
+                } else {
+                    let numbers = random.stream();
+                    [numbers.f32(), numbers.f32()]
+                };
                 let at = light.point(frame.scene, at);
 
                 // Note what it gives if nothing is between.
-                counts.light_evaluations += 1;
                 let (value, lost) = point.clamped_contribution(&at, frame.vpl_clamp);
                 if value == Vec3::ZERO {
                     continue;

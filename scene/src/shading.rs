@@ -67,12 +67,14 @@ impl ShadingPoint {
     }
 
     /// Where a ray that leaves the surface on the viewer's side starts.
+    #[inline]
     pub fn origin(&self) -> Vec3 {
         self.position + self.offset * self.geometric_normal
     }
 
     /// What `light` contributes per channel, unoccluded, for the point's `throughput` = 1: `f_s` · cos θ · I / d². Zero
     /// where either side faces away, the geometric side included.
+    #[inline]
     pub fn contribution(&self, light: &LightPoint) -> Vec3 {
         // The cheapest question first: about half of all lights are below the surface.
         let to = light.position.as_dvec3() - self.position.as_dvec3();
@@ -92,6 +94,7 @@ impl ShadingPoint {
 
     /// [`contribution`](Self::contribution), with that of a virtual point light cut off: its geometry term cos θ cos θl / d² counts as at most
     /// `clamp` (per squared length unit; infinite: unchanged). Also returns what the cut took away.
+    #[inline]
     pub fn clamped_contribution(&self, light: &LightPoint, clamp: f32) -> (Vec3, Vec3) {
         let full = self.contribution(light);
         let Profile::Cosine { normal, virtual_light: true, .. } = light.profile else {
@@ -119,6 +122,7 @@ impl ShadingPoint {
     }
 
     /// The segment that a shadow ray to `light` has to be clear along.
+    #[inline]
     pub fn segment(&self, light: &LightPoint) -> Segment {
         Segment { from: self.origin(), to: light.end_toward(self.position) }
     }

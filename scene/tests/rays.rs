@@ -3,9 +3,10 @@
 use glam::{Affine2, Affine3A, Vec2, Vec3};
 use lighttree::{Ray, RayHit, RayQueries, Segment};
 use obvhs::test_util::geometry::icosphere;
+use scene::bsdf::Bsdf;
 use scene::{
     AcceptAll, AlphaMode, Instance, Light, LightPoint, Material, Mesh, RayPath, RaysError, RaysParams, Scene,
-    SceneRays, Texture, TextureSlot, WideBvh, Wrap,
+    SceneRays, ShadingPoint, Texture, TextureSlot, WideBvh, Wrap,
 };
 
 type Triangle = [Vec3; 3];
@@ -509,6 +510,39 @@ fn scenes_that_cannot_be_traced_say_why() {
     let empty = SceneRays::build(&Scene::default()).expect("nothing is fine");
     let ray = Ray { origin: Vec3::ZERO, direction: Vec3::X, t_max: f32::INFINITY };
     assert_eq!(empty.closest(&ray, &mut Default::default()), None);
+}
+
+/// What is said to be turned away gives nothing at any of its points, and about what is lit both ways it says no.
+#[test]
+fn only_lights_that_give_nothing_are_turned_away() {
+    let (mut dice, mut away, mut lit) = (Dice(9), 0, 0);
+    let scene = Scene::default();
+    for round in 0..3000 {
+        let (vertices, position) = ([dice.vector(), dice.vector(), dice.vector()], dice.vector());
+        let normal = dice.vector().normalize();
+        let two_sided = round % 3 == 0;
+        let light = Light::Triangle { vertices, radiance: Vec3::ONE, two_sided, instance: 0, triangle: 0 };
+        let point = ShadingPoint {
+            position,
+            geometric_normal: normal,
+            normal,
+            wo: normal,
+            bsdf: Bsdf::Lambert { albedo: Vec3::ONE },
+            throughput: Vec3::ONE,
+            pixel: 0,
+            sample: 0,
+            offset: 0.0,
+        };
+        let points = (0..40).map(|_| light.point(&scene, [dice.unit(), dice.unit()]));
+        let any = points.fold(false, |any, at| any | (point.contribution(&at) != Vec3::ZERO));
+        if light.is_turned_away(position, normal) {
+            assert!(!any, "{vertices:?} from {position} with {normal}");
+            away += 1;
+        } else {
+            lit += u32::from(any);
+        }
+    }
+    assert!(away > 500 && lit > 1000, "{away} turned away, {lit} lit");
 }
 
 /// Emitters from squat to slivers of 10⁻⁵, near the origin and far from it: a segment to a point of one ends before it.

@@ -33,6 +33,7 @@ fn main() {
     // `cargo test` runs benches too: one small row, no timing worth the name.
     let full = std::env::args().any(|a| a == "--bench");
     let mut criterion = Criterion::default().configure_from_args().sample_size(10);
+    leaks::print(if full { 1_000_000 } else { 10_000 });
     println!(
         "Mray/s on one thread; `via`: last blocker per light and tile, `from`: bundles of one origin; both AVX2"
     );
@@ -52,7 +53,6 @@ fn main() {
         "best:obvhs",
         "differ"
     );
-    leaks::print(if full { 1_000_000 } else { 10_000 });
     let benches: Vec<_> = scenes(full).into_iter().map(Bench::new).collect();
     for bench in &benches {
         for set in ray_sets(&bench.scene, &bench.rays) {

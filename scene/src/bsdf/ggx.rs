@@ -73,18 +73,24 @@ impl Ggx {
         self.diffuse * (1.0 - schlick(self.interface, normal.dot(wo)))
     }
 
+    #[inline]
     pub(super) fn scatter(&self, normal: Vec3, wo: Vec3, wi: Vec3) -> Vec3 {
         let (cos_o, cos_i) = (normal.dot(wo), normal.dot(wi));
         if cos_o <= 0.0 || cos_i <= 0.0 {
             return Vec3::ZERO;
         }
         let through = (1.0 - schlick(self.interface, cos_o)) * (1.0 - schlick(self.interface, cos_i));
-        let half = (wo + wi).normalize_or_zero();
-        // f cos θi = D F G₂ / (4 cos θo); `visibility` is G₂ / (4 cos θo cos θi).
-        let visibility = 0.5 / (cos_i * self.smith(cos_o) + cos_o * self.smith(cos_i));
-        let weight = pow5(1.0 - wo.dot(half).clamp(0.0, 1.0));
+        // f cos θi = D F G₂ / (4 cos θo), of the half vector h at its full length l: G₂ / (4 cos θo cos θi) is
+        // 0.5 / smiths, D = α² / (π d²) as in `distribution`, and wo · h/l is l/2. So neither a unit vector nor a third quotient is needed.
+        let half = wo + wi;
+        let squared = half.length_squared();
+        let a2 = self.alpha * self.alpha;
+        let d = (a2 * normal.dot(half).powi(2) + normal.cross(half).length_squared()) / squared;
+        let smiths = cos_i * self.smith(cos_o) + cos_o * self.smith(cos_i);
+        let lobe = 0.5 * FRAC_1_PI * a2 / (d * d * smiths);
+        let weight = pow5((1.0 - 0.5 * squared.sqrt()).max(0.0));
         let fresnel = self.f0 + (self.f90 - self.f0) * weight;
-        (self.base * through + fresnel * (self.distribution(normal, half) * visibility)) * cos_i
+        (self.base * through + fresnel * lobe) * cos_i
     }
 
     pub(super) fn pdf(&self, normal: Vec3, wo: Vec3, wi: Vec3) -> f32 {

@@ -43,7 +43,7 @@ pub trait Receiver {
         self.scatter_bound(toward)
     }
 
-    /// The same importance in a form that a walk evaluates for two nodes at once, several times as fast. `None`, the
+    /// The same importance in a form that a walk evaluates for two nodes at once. `None`, the
     /// default: there is no such form, and [`scatter_importance`](Self::scatter_importance) is asked.
     fn lobes(&self) -> Option<ScatterLobes> {
         None

@@ -97,6 +97,10 @@ impl Viewpoint {
         } else {
             sphere.emission(a, b)
         };
+        // Spheres and boxes disagree about the last of a cone: what is left out altogether is for f64 to say.
+        if !(emitted.x > 0.0 && emitted.y > 0.0) {
+            return None;
+        }
         let intensity = [f64::from(a.intensity), f64::from(b.intensity)];
         let [first, second] = match &self.lobes {
             Some(lobes) => {

@@ -18,8 +18,8 @@ use lighttree::{
     BuildParams, LightTree, PowerSampler, Ray, RayHit, RayQueries, Segment, TreeSampler, UniformSampler,
 };
 use scene::{
-    BruteForce, Counts, DirectLighting, Frame, Geometry, RayScratch, Sampled, Scene, SceneRays, ShadingPoint,
-    Surface, TILE, builtin, camera_path,
+    BruteForce, Counts, DirectLighting, Drawn, Frame, Geometry, RayScratch, Sampled, Scene, SceneRays,
+    ShadingPoint, Surface, TILE, builtin, camera_path,
 };
 
 /// Writes down the segments that a method asks about.
@@ -194,9 +194,9 @@ fn main() {
         let power = PowerSampler::new(&scene.lights).expect("its lights are finite");
         let tree = TreeSampler::new(&tree);
         measure(&mut c, name, "brute", &frame, 4, &BruteForce);
-        measure(&mut c, name, "uniform", &frame, 64, &Sampled { sampler: uniform, samples: 8 });
-        measure(&mut c, name, "power", &frame, 64, &Sampled { sampler: &power, samples: 8 });
-        measure(&mut c, name, "tree", &frame, 64, &Sampled { sampler: &tree, samples: 8 });
+        measure(&mut c, name, "uniform", &frame, 64, &Drawn(Sampled { sampler: uniform, samples: 8 }));
+        measure(&mut c, name, "power", &frame, 64, &Drawn(Sampled { sampler: &power, samples: 8 }));
+        measure(&mut c, name, "tree", &frame, 64, &Drawn(Sampled { sampler: &tree, samples: 8 }));
     }
     c.final_summary();
 }

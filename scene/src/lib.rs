@@ -47,7 +47,7 @@ pub use render::{
     Rendered, TILE, render,
 };
 pub use requirements::Requirements;
-pub use sampled::Sampled;
+pub use sampled::{Draw, DrawLights, Drawn, DrawnScratch, Sampled, restart_in_stratum};
 pub use shading::{
     CameraPath, Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, SurfaceLook, Vertex, camera_path,
     vertex,

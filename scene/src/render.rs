@@ -113,11 +113,17 @@ pub trait DirectLighting<Q: Geometry>: Sync {
     /// Memory that a thread reuses from call to call.
     type Scratch: Default + Send;
 
+    /// The pixels of another unit of work follow, by their indices: all their camera samples are shaded before the next unit's. What a method
+    /// learns from one sample for the next it has to forget here.
+    fn begin_unit(&self, pixels: &[u32], scratch: &mut Self::Scratch) {
+        let _ = (pixels, scratch);
+    }
+
     /// Adds to `radiance[i]`, W·m⁻²·sr⁻¹ per channel, what the lights give at `points[i]`, with shadows and without
     /// [`ShadingPoint::throughput`]. Points are those of one square of pixels where possible, so that
     /// shadow rays can be shared; at most [`TILE`]² of them, all of different pixels.
     ///
-    /// Must be a function of its arguments alone: no memory of other calls may show in the result.
+    /// Must be a function of its arguments alone: no memory of other units may show in the result.
     fn shade(
         &self,
         frame: &Frame<'_, Q>,
@@ -317,6 +323,7 @@ fn render_unit<Q: Geometry, D: DirectLighting<Q>>(
         workspace;
     sums.clear();
     sums.resize(pixels.len(), (DVec3::ZERO, 0));
+    direct.begin_unit(pixels, scratch);
     for sample in params.first_sample..params.first_sample + params.spp {
         // Cast the camera's rays.
         camera_rays.clear();

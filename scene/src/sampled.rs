@@ -1,14 +1,73 @@
-//! A few lights per point, drawn by any [`LightSampler`]: uniformly, by power, or down a light tree.
+//! A few lights per point, drawn at random: by any [`LightSampler`], or by a method of several lights at once.
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::Decisions;
-use lighttree::{LightSample, LightSampler, Segment};
+use lighttree::{LightId, LightSample, LightSampler, Segment};
 
 use crate::film::luminance;
 use crate::render::{Counts, DirectLighting, Frame};
 use crate::shading::{Geometry, Purpose, ShadingPoint};
 
-/// Estimates direct light from `samples` lights per camera sample, each with its own shadow ray.
+/// Which lights a method of light selection takes for a point. [`Drawn`] makes a method of direct lighting of it.
+///
+/// The calls come in this order: [`begin_unit`](Self::begin_unit) once for the pixels of one unit of work; then for each camera sample
+/// of these pixels [`begin_points`](Self::begin_points), [`draw`](Self::draw) for each of the points, and
+/// [`learn`](Self::learn) for each drawn light that had a shadow ray. Units are worked on in any order and by any thread, so nothing but what was learned
+/// within the same unit may show in the result.
+pub trait DrawLights: Sync {
+    /// Memory that a thread reuses, and what is known of the unit at hand.
+    type Scratch: Default + Send;
+    /// What the method wants to know again when the shadow ray of a drawn light is answered, such as a node of its cut.
+    type Tag: Copy + Send;
+
+    /// The pixels of another unit follow; `pixels` are their indices, row by row.
+    fn begin_unit(&self, pixels: &[u32], scratch: &mut Self::Scratch) {
+        let _ = (pixels, scratch);
+    }
+
+    /// `points` are drawn for next: those of one camera sample of the unit's pixels, all of different pixels.
+    fn begin_points(
+        &self,
+        points: &[ShadingPoint],
+        seed: u32,
+        scratch: &mut Self::Scratch,
+        counts: &mut Counts,
+    ) {
+        let _ = (points, seed, scratch, counts);
+    }
+
+    /// Hands the lights of `points[index]` to `each`: the sum of weight × contribution estimates the sum over all lights.
+    ///
+    /// `random` is the point's own stream. `each` takes more numbers from it, for places on lights.
+    fn draw(
+        &self,
+        points: &[ShadingPoint],
+        index: usize,
+        random: &mut Decisions,
+        scratch: &mut Self::Scratch,
+        counts: &mut Counts,
+        each: impl FnMut(Draw<Self::Tag>, &mut Decisions),
+    );
+
+    /// What the light that was drawn with `tag` gives without shadows, as luminance, W·m⁻²·sr⁻¹ and without its weight, and whether
+    /// it is seen. Told in the order of draws, after all draws of these points or earlier, and only of lights that give anything.
+    fn learn(&self, tag: Self::Tag, unoccluded: f32, visible: bool, scratch: &mut Self::Scratch) {
+        let _ = (tag, unoccluded, visible, scratch);
+    }
+}
+
+/// One drawn light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Draw<T> {
+    /// The light, an index into [`Frame::lights`].
+    pub light: LightId,
+    /// What its contribution counts: 1 ÷ (samples × probability) as a rule.
+    pub weight: f64,
+    /// Comes back with the answer of its shadow ray.
+    pub tag: T,
+}
+
+/// `samples` lights per camera sample, drawn one by one.
 ///
 /// The samples of one point are stratified: number `k` of `n` starts its choices with a random number in `[k/n, (k+1)/n)`.
 #[derive(Clone, Copy, Debug)]
@@ -19,54 +78,96 @@ pub struct Sampled<S> {
     pub samples: u32,
 }
 
+impl<S: LightSampler<ShadingPoint> + Sync> DrawLights for Sampled<S> {
+    type Scratch = ();
+    type Tag = ();
+
+    fn draw(
+        &self,
+        points: &[ShadingPoint],
+        index: usize,
+        random: &mut Decisions,
+        _: &mut (),
+        _: &mut Counts,
+        mut each: impl FnMut(Draw<()>, &mut Decisions),
+    ) {
+        for k in 0..self.samples {
+            restart_in_stratum(random, k, self.samples);
+            if let Some(LightSample { light, pmf }) = self.sampler.sample(&points[index], random) {
+                each(Draw { light, weight: 1.0 / (pmf * f64::from(self.samples)), tag: () }, random);
+            }
+        }
+    }
+}
+
+/// Starts the choices of sample `k` of `n` with a random number in `[k/n, (k+1)/n)`.
+pub fn restart_in_stratum(random: &mut Decisions, k: u32, n: u32) {
+    // 2⁶⁴ ÷ samples but for rounding: a product is cheaper than a division of 128 bits for each sample.
+    let stratum = u64::MAX / u64::from(n.max(1));
+    let within = (u128::from(random.stream().u64()) * u128::from(stratum)) >> 64;
+    random.restart(u64::from(k) * stratum + within as u64);
+}
+
+/// Direct light by the lights that `D` draws, each with its own shadow ray.
+#[derive(Clone, Copy, Debug)]
+pub struct Drawn<D>(pub D);
+
 /// Reused from call to call.
-#[derive(Debug, Default)]
-pub struct SampledScratch {
-    pending: Vec<Pending>,
+#[derive(Debug)]
+pub struct DrawnScratch<D: DrawLights> {
+    draws: D::Scratch,
+    pending: Vec<Pending<D::Tag>>,
     segments: Vec<Segment>,
     occluded: Vec<bool>,
 }
 
+impl<D: DrawLights> Default for DrawnScratch<D> {
+    fn default() -> Self {
+        Self { draws: D::Scratch::default(), pending: Vec::new(), segments: Vec::new(), occluded: Vec::new() }
+    }
+}
+
 /// What a shadow ray decides on.
 #[derive(Debug)]
-struct Pending {
+struct Pending<T> {
     point: usize,
     value: Vec3,
     lost: Vec3,
+    weight: f32,
+    tag: T,
 }
 
 /// Shadow rays asked at once: enough to share a call, few enough to stay in the cache.
 const BATCH: usize = 512;
 
-impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> DirectLighting<Q> for Sampled<S> {
-    type Scratch = SampledScratch;
+impl<Q: Geometry, D: DrawLights> DirectLighting<Q> for Drawn<D> {
+    type Scratch = DrawnScratch<D>;
+
+    fn begin_unit(&self, pixels: &[u32], scratch: &mut DrawnScratch<D>) {
+        self.0.begin_unit(pixels, &mut scratch.draws);
+    }
 
     fn shade(
         &self,
         frame: &Frame<'_, Q>,
         points: &[ShadingPoint],
-        scratch: &mut SampledScratch,
+        scratch: &mut DrawnScratch<D>,
         rays: &mut Q::Scratch,
         radiance: &mut [DVec3],
         counts: &mut Counts,
     ) {
+        let DrawnScratch { draws, pending, segments, .. } = scratch;
+        self.0.begin_points(points, frame.seed, draws, counts);
         for (index, point) in points.iter().enumerate() {
             let mut random = Decisions::starting_with(0, point.random(frame.seed, Purpose::Lights));
-            // 2⁶⁴ ÷ samples but for rounding: a product is cheaper than a division of 128 bits for each sample.
-            let stratum = u64::MAX / u64::from(self.samples.max(1));
-            for k in 0..self.samples {
-                // Draw a light, and a point on it if that can matter.
-                let within = (u128::from(random.stream().u64()) * u128::from(stratum)) >> 64;
-                let first = u64::from(k) * stratum + within as u64;
-                random.restart(first);
-                let Some(LightSample { light, pmf }) = self.sampler.sample(point, &mut random) else {
-                    continue;
-                };
-                let light = &frame.lights[light.0 as usize];
-                counts.light_evaluations += 1;
+            let mut evaluated = 0;
+            self.0.draw(points, index, &mut random, draws, counts, |draw, random| {
+                let light = &frame.lights[draw.light.0 as usize];
+                evaluated += 1;
                 if light.is_turned_away(point.position, point.geometric_normal) {
-                    continue;
+                    return;
                 }
+                // A point on it, if that can matter.
                 let at = if light.is_point() {
                     [0.0; 2]
                 } else {
@@ -77,25 +178,28 @@ impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> DirectLighting<Q> for Sa
 
                 // Note what it gives if nothing is between.
                 let (value, lost) = point.clamped_contribution(&at, frame.vpl_clamp);
-                if value == Vec3::ZERO {
-                    continue;
+                if value != Vec3::ZERO {
+                    pending.push(Pending {
+                        point: index,
+                        value,
+                        lost,
+                        weight: draw.weight as f32,
+                        tag: draw.tag,
+                    });
+                    segments.push(point.segment(&at));
                 }
-                let weight = (1.0 / (pmf * f64::from(self.samples))) as f32;
-                scratch.pending.push(Pending { point: index, value: value * weight, lost: lost * weight });
-                scratch.segments.push(point.segment(&at));
-                if scratch.pending.len() == BATCH {
-                    scratch.settle(frame, points, rays, radiance, counts);
-                }
-            }
+            });
+            counts.light_evaluations += evaluated;
         }
-        scratch.settle(frame, points, rays, radiance, counts);
+        scratch.settle(&self.0, frame, points, rays, radiance, counts);
     }
 }
 
-impl SampledScratch {
+impl<D: DrawLights> DrawnScratch<D> {
     /// Casts the pending shadow rays and adds what gets through.
     fn settle<Q: Geometry>(
         &mut self,
+        draw: &D,
         frame: &Frame<'_, Q>,
         points: &[ShadingPoint],
         rays: &mut Q::Scratch,
@@ -104,16 +208,20 @@ impl SampledScratch {
     ) {
         self.occluded.clear();
         self.occluded.resize(self.segments.len(), false);
-        frame.rays.occluded_each(&self.segments, &mut self.occluded, rays);
+        for (segments, occluded) in self.segments.chunks(BATCH).zip(self.occluded.chunks_mut(BATCH)) {
+            frame.rays.occluded_each(segments, occluded, rays);
+        }
         counts.shadow_rays += self.segments.len() as u64;
-        for (Pending { point, value, lost }, occluded) in self.pending.drain(..).zip(&self.occluded) {
-            if *occluded {
+        for (pending, &occluded) in self.pending.drain(..).zip(&self.occluded) {
+            let Pending { point, value, lost, weight, tag } = pending;
+            draw.learn(tag, luminance(value), !occluded, &mut self.draws);
+            if occluded {
                 continue;
             }
-            radiance[point] += value.as_dvec3();
+            radiance[point] += (value * weight).as_dvec3();
             if lost != Vec3::ZERO {
                 counts.clamped += 1;
-                counts.clamped_luminance += f64::from(luminance(lost * points[point].throughput));
+                counts.clamped_luminance += f64::from(luminance(lost * weight * points[point].throughput));
             }
         }
         self.segments.clear();

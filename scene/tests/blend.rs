@@ -6,8 +6,8 @@ use common::{Uniform, add_quad, emitter, floor, lambert};
 use glam::{Affine2, DVec3, Vec3};
 use lighttree::{BuildParams, LightTree, PowerSampler, TreeSampler};
 use scene::{
-    AlphaMode, BruteForce, Camera, Frame, Material, NoDirect, NoIndirect, PathTracer, RenderParams, Sampled,
-    Scene, SceneRays, Texture, TextureSlot, Wrap, render, virtual_lights,
+    AlphaMode, BruteForce, Camera, Drawn, Frame, Material, NoDirect, NoIndirect, PathTracer, RenderParams,
+    Sampled, Scene, SceneRays, Texture, TextureSlot, Wrap, render, virtual_lights,
 };
 
 /// A lamp one above the floor, and a pane halfway; the camera looks from under the pane.
@@ -45,16 +45,16 @@ fn mean(scene: &Scene, method: &str) -> f64 {
     let rendered = match method {
         "brute" | "vpl" => render(&frame, camera, &params, &BruteForce, &NoIndirect, &()),
         "uniform" => {
-            let method = Sampled { sampler: Uniform(count), samples: 4 };
+            let method = Drawn(Sampled { sampler: Uniform(count), samples: 4 });
             render(&frame, camera, &params, &method, &NoIndirect, &())
         }
         "power" => {
-            let method = Sampled { sampler: PowerSampler::new(&lights).unwrap(), samples: 4 };
+            let method = Drawn(Sampled { sampler: PowerSampler::new(&lights).unwrap(), samples: 4 });
             render(&frame, camera, &params, &method, &NoIndirect, &())
         }
         "tree" => {
             let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
-            let method = Sampled { sampler: TreeSampler::new(&tree), samples: 4 };
+            let method = Drawn(Sampled { sampler: TreeSampler::new(&tree), samples: 4 });
             render(&frame, camera, &params, &method, &NoIndirect, &())
         }
         _ => {

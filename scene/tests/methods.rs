@@ -11,9 +11,9 @@ use lighttree::{
     BuildParams, LightId, LightSample, LightSampler, LightTree, PowerSampler, TreeSampler, UniformSampler,
 };
 use scene::{
-    AlphaMode, BruteForce, Camera, DirectLighting, Frame, Geometry, Light, Material, NoDirect, NoIndirect,
-    PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, Texture,
-    TextureSlot, builtin, render,
+    AlphaMode, BruteForce, Camera, DirectLighting, Drawn, Frame, Geometry, Light, Material, NoDirect,
+    NoIndirect, PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint,
+    Texture, TextureSlot, builtin, render,
 };
 
 fn params(width: u32, height: u32, spp: u32) -> RenderParams {
@@ -43,7 +43,7 @@ fn brightness(picture: &Rendered) -> f64 {
 /// How many standard errors the method's mean lies from brute force over many seeds, and that error as a share. Both see
 /// the same points for the same seed, so that only the choice of lights differs.
 fn distance<S: LightSampler<ShadingPoint> + Sync>(scene: &Scene, rays: &SceneRays, sampler: S) -> (f64, f64) {
-    let method = Sampled { sampler, samples: 4 };
+    let method = Drawn(Sampled { sampler, samples: 4 });
     let params = params(16, 16, 1);
     let mut truth = 0.0;
     let differences: Vec<f64> = (0..24)
@@ -96,7 +96,7 @@ fn any_number_of_threads_gives_the_same_bits() {
     let rays = SceneRays::build(&scene).unwrap();
     let tree = LightTree::build(&scene.lights, &BuildParams::default()).unwrap();
     let sampler = TreeSampler::new(&tree);
-    let method = Sampled { sampler: &sampler, samples: 2 };
+    let method = Drawn(Sampled { sampler: &sampler, samples: 2 });
     let tracer = PathTracer::new(&scene.lights, &sampler, 3, false);
     let render_with = |threads: usize, seed: u32| {
         let frame = Frame { vpl_clamp: 1.0, ..Frame::new(&scene, &rays, &scene.lights, seed) };

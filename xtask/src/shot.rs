@@ -6,8 +6,8 @@ use std::time::Instant;
 use lightcut::{LightcutParams, Representatives};
 use lighttree::{LightSampler, PowerSampler, TreeSampler, UniformSampler};
 use scene::{
-    BruteForce, Camera, DirectLighting, Frame, IndirectLighting, Light, NoDirect, NoIndirect, PathTracer,
-    Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, WalkReport,
+    BruteForce, Camera, DirectLighting, Drawn, Frame, IndirectLighting, Light, NoDirect, NoIndirect,
+    PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, WalkReport,
 };
 
 use crate::failure::Failure;
@@ -163,7 +163,7 @@ struct Shot<'a, P> {
 
 impl<P: Progress> Shot<'_, P> {
     fn sampled(&self, sampler: impl LightSampler<ShadingPoint> + Sync) -> Result<Rendered, Failure> {
-        self.direct(&Sampled { sampler, samples: self.plan.settings.whole("lights") })
+        self.direct(&Drawn(Sampled { sampler, samples: self.plan.settings.whole("lights") }))
     }
 
     fn direct(&self, direct: &impl DirectLighting<SceneRays>) -> Result<Rendered, Failure> {

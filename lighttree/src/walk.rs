@@ -172,6 +172,28 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         (Some(LightSample { light: self.tree.light_at(slot), pmf }), visited)
     }
 
+    /// [`pmf`](LightSampler::pmf) within the subtree below `node`: what [`sample_below`](Self::sample_below) reports. 0 for a light
+    /// that is not there.
+    pub fn pmf_below(&self, node: NodeId, receiver: &(impl Receiver + ?Sized), light: LightId) -> f64 {
+        let Some(slot) = self.tree.slot_of(light).filter(|slot| self.tree.items(node).contains(slot)) else {
+            return 0.0;
+        };
+        let viewpoint = Viewpoint::new(receiver, &self.root);
+        let (mut node, mut pmf) = (node, 1.0);
+        loop {
+            let children = self.tree.children(node);
+            let Some(child) = children.clone().find(|&child| self.tree.items(NodeId(child)).contains(&slot))
+            else {
+                return pmf * self.share_in_leaf(self.tree.items(node), slot);
+            };
+            pmf *= self.probability_of_child(children, child, viewpoint.as_ref(), receiver);
+            if pmf == 0.0 {
+                return 0.0;
+            }
+            node = NodeId(child);
+        }
+    }
+
     /// Calls `each` with every light that can be drawn, in the order of slots, and its probability: one walk
     /// over the whole tree.
     pub fn for_each_probability(
@@ -305,21 +327,7 @@ impl<T: LightHierarchy, R: Receiver + ?Sized> LightSampler<R> for TreeSampler<'_
     }
 
     fn pmf(&self, receiver: &R, light: LightId) -> f64 {
-        let (Some(mut node), Some(slot)) = (self.tree.root(), self.tree.slot_of(light)) else { return 0.0 };
-        let viewpoint = Viewpoint::new(receiver, &self.root);
-        let mut pmf = 1.0;
-        loop {
-            let children = self.tree.children(node);
-            let Some(child) = children.clone().find(|&child| self.tree.items(NodeId(child)).contains(&slot))
-            else {
-                return pmf * self.share_in_leaf(self.tree.items(node), slot);
-            };
-            pmf *= self.probability_of_child(children, child, viewpoint.as_ref(), receiver);
-            if pmf == 0.0 {
-                return 0.0;
-            }
-            node = NodeId(child);
-        }
+        self.tree.root().map_or(0.0, |root| self.pmf_below(root, receiver, light))
     }
 }
 

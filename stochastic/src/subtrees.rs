@@ -1,0 +1,112 @@
+//! One light from each of several subtrees: what every kind of stochastic cut ends in.
+//!
+//! Yuksel, "Stochastic Lightcuts", 2019; Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.2.
+//!
+//! Differs from them: the probability of any light within its subtree can be asked for, found by item ranges; and the
+//! random numbers of a receiver's subtrees are stratified together.
+
+use lighttree::rng::Decisions;
+use lighttree::{LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver, TreeSampler};
+
+/// Disjoint subtrees of one tree, each of which gives one light: the whole of a cut, or a run of its nodes.
+///
+/// The sum of contribution ÷ `pmf` over what [`draw_each`](Self::draw_each) yields estimates the sum over all lights of
+/// these subtrees. For multiple importance sampling, the expected number of draws of a light, which is what a balance
+/// heuristic compares, is [`density`](Self::density).
+///
+/// As a [`LightSampler`] this is one light: of a subtree that is chosen evenly. Taken once for each subtree, with stratified
+/// first numbers as [`PerReceiver`](lighttree::PerReceiver) has them, that is again one light from each.
+#[derive(Debug)]
+pub struct Subtrees<'a, T> {
+    /// Walks down from the nodes.
+    pub walk: &'a TreeSampler<'a, T>,
+    /// Their roots, left to right, none below another.
+    pub nodes: &'a [NodeId],
+}
+
+impl<T> Clone for Subtrees<'_, T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T> Copy for Subtrees<'_, T> {}
+
+impl<T: LightHierarchy> Subtrees<'_, T> {
+    /// Draws one light from each subtree and hands `each` the index of its node in `nodes` and the light, with its probability within the
+    /// subtree. Subtrees that are certain to contribute nothing are left out.
+    ///
+    /// Returns how many nodes' bounds were looked at. `each` may take numbers from the stream of `random`.
+    ///
+    /// The first number of subtree `k` of `n` is (`offset` + k/n) mod 1 with one random offset: uniform for each of them,
+    /// evenly spread over all of them.
+    pub fn draw_each(
+        &self,
+        receiver: &(impl Receiver + ?Sized),
+        random: &mut Decisions,
+        each: impl FnMut(usize, LightSample, &mut Decisions),
+    ) -> u32 {
+        self.draw(receiver, 0..self.nodes.len() as u64, 1, random, each)
+    }
+
+    /// As [`draw_each`](Self::draw_each), with `per_node` lights from each subtree and only these `slots` of them: slot `s`
+    /// is draw `s % per_node` of subtree `s / per_node`. The draws of one subtree are stratified.
+    ///
+    /// # Panics
+    /// If `per_node` is 0, or slots lie beyond `nodes.len() · per_node`.
+    pub fn draw(
+        &self,
+        receiver: &(impl Receiver + ?Sized),
+        slots: core::ops::Range<u64>,
+        per_node: u32,
+        random: &mut Decisions,
+        mut each: impl FnMut(usize, LightSample, &mut Decisions),
+    ) -> u32 {
+        let per_node = u64::from(per_node);
+        let all = self.nodes.len() as u64 * per_node;
+        assert!(slots.end <= all, "slots {slots:?} of {all}");
+        let offset = random.stream().u64();
+        let (stratum, step) = (u64::MAX / per_node, u64::MAX / all.max(1));
+        let mut visited = 0;
+        for slot in slots {
+            let (node, draw) = ((slot / per_node) as usize, slot % per_node);
+            random.restart(offset.wrapping_add(draw * stratum).wrapping_add(node as u64 * step));
+            let (sample, looked_at) = self.walk.sample_below(self.nodes[node], receiver, random);
+            visited += looked_at;
+            if let Some(sample) = sample {
+                each(node, sample, random);
+            }
+        }
+        visited
+    }
+
+    /// Index in `nodes` of the subtree that holds `light`.
+    pub fn index_of(&self, light: LightId) -> Option<usize> {
+        let tree = self.walk.tree();
+        let slot = tree.slot_of(light)?;
+        let after = self.nodes.partition_point(|&node| tree.items(node).start <= slot);
+        let index = after.checked_sub(1)?;
+        tree.items(self.nodes[index]).contains(&slot).then_some(index)
+    }
+
+    /// Expected number of times that [`draw_each`](Self::draw_each) draws `light`: its probability within its subtree, in [0, 1]. 0 if
+    /// none of the subtrees holds it.
+    pub fn density(&self, receiver: &(impl Receiver + ?Sized), light: LightId) -> f64 {
+        self.index_of(light).map_or(0.0, |at| self.walk.pmf_below(self.nodes[at], receiver, light))
+    }
+}
+
+impl<T: LightHierarchy, R: Receiver + ?Sized> LightSampler<R> for Subtrees<'_, T> {
+    fn sample(&self, receiver: &R, random: &mut Decisions) -> Option<LightSample> {
+        if self.nodes.is_empty() {
+            return None;
+        }
+        let node = self.nodes[random.index(self.nodes.len() as u32) as usize];
+        let LightSample { light, pmf } = self.walk.sample_below(node, receiver, random).0?;
+        Some(LightSample { light, pmf: pmf / self.nodes.len() as f64 })
+    }
+
+    fn pmf(&self, receiver: &R, light: LightId) -> f64 {
+        self.density(receiver, light) / self.nodes.len().max(1) as f64
+    }
+}

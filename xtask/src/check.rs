@@ -7,7 +7,7 @@ use crate::cargo::{cargo, has_subcommand, metadata, output_of, run};
 use crate::failure::Failure;
 
 /// Crates that others may take alone: they have to build with no feature, without their siblings' choices.
-const PUBLISHED: [&str; 2] = ["lighttree", "lighttree-lightcut"];
+const PUBLISHED: [&str; 3] = ["lighttree", "lighttree-lightcut", "lighttree-cutinterp"];
 
 type Check = fn() -> Result<(), Failure>;
 

@@ -47,7 +47,7 @@ impl<Q: Geometry> DirectLighting<Q> for BruteForce {
     ) {
         let Some(first) = points.first() else { return };
         let own_points = frame.area_lights <= Self::OWN_POINTS;
-        let seed = frame.seed ^ Purpose::Lights.salt();
+        let seed = frame.light_seed ^ Purpose::Lights.salt();
         for (index, light) in frame.lights.iter().enumerate() {
             if own_points && !light.is_point() {
                 for (point, radiance) in points.iter().zip(radiance.iter_mut()) {

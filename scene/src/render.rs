@@ -81,8 +81,11 @@ pub struct Frame<'a, Q> {
     pub rays: &'a Q,
     /// Lights with a place: the scene's own, or those and virtual ones after them. The list that a light tree is built over.
     pub lights: &'a [Light],
-    /// The user's seed.
+    /// The user's seed: of camera rays, particles and paths.
     pub seed: u32,
+    /// Seed of what methods of direct light draw: lights, and places on them. [`seed`](Self::seed) as a rule; another one
+    /// gives an independent picture of the very same camera rays.
+    pub light_seed: u32,
     /// Largest geometry term of a virtual point light, per squared length unit; infinite: no clamp.
     pub vpl_clamp: f32,
     /// How many of the lights have an area.
@@ -99,7 +102,8 @@ impl<'a, Q> Frame<'a, Q> {
         let (min, max) = scene.bounds().unwrap_or_default();
         let (center, radius) = (0.5 * (min + max), 0.5 * min.distance(max));
         let area_lights = lights.iter().filter(|light| !light.is_point()).count();
-        Self { scene, rays, lights, seed, vpl_clamp: f32::INFINITY, area_lights, center, radius }
+        let light_seed = seed;
+        Self { scene, rays, lights, seed, light_seed, vpl_clamp: f32::INFINITY, area_lights, center, radius }
     }
 
     /// The segment from `origin` in the unit direction `wi` to beyond all geometry.

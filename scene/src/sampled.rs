@@ -157,9 +157,9 @@ impl<Q: Geometry, D: DrawLights> DirectLighting<Q> for Drawn<D> {
         counts: &mut Counts,
     ) {
         let DrawnScratch { draws, pending, segments, .. } = scratch;
-        self.0.begin_points(points, frame.seed, draws, counts);
+        self.0.begin_points(points, frame.light_seed, draws, counts);
         for (index, point) in points.iter().enumerate() {
-            let mut random = Decisions::starting_with(0, point.random(frame.seed, Purpose::Lights));
+            let mut random = Decisions::starting_with(0, point.random(frame.light_seed, Purpose::Lights));
             let mut evaluated = 0;
             self.0.draw(points, index, &mut random, draws, counts, |draw, random| {
                 let light = &frame.lights[draw.light.0 as usize];

@@ -17,6 +17,7 @@ use crate::settings::{self, Settings};
 use crate::shot::{Plan, Stage};
 use crate::{output, render, source, stop};
 use reference::Reference;
+pub(crate) use reference::blend;
 
 /// What to compare.
 #[derive(clap::Args)]
@@ -190,7 +191,7 @@ fn run(
         let params = RenderParams { spp: more, first_sample: 1, ..*params };
         let rest = stage.render(plan, &prepared, &params, &watched)?;
         if !rest.cut_short {
-            reference::blend(&mut film, 1, &rest.film, more);
+            blend(&mut film, 1, &rest.film, more);
             counts.add(&rest.counts);
             spp += more;
         }

@@ -4,7 +4,9 @@ mod bench;
 mod cargo;
 mod check;
 mod compare;
+mod curves;
 mod failure;
+mod html;
 mod inspect;
 mod memory;
 mod methods;
@@ -42,6 +44,8 @@ enum Subject {
     Inspect(inspect::InspectArgs),
     /// Measure how fast the crates are: criterion benchmarks, with curves under target/criterion
     Bench(bench::BenchArgs),
+    /// Measure what each method gives for its time, dial by dial: curves of error against time, a page, pictures and data
+    Report(Box<curves::ReportArgs>),
     /// Set up what the tests need and run all of them, examples and documentation included
     Test(test::TestArgs),
     /// Check everything that needs no test run: format, lints, documentation, licences, manifests
@@ -73,6 +77,7 @@ fn run(command: &Subject) -> Result<(), Failure> {
         Subject::Compare(args) => compare::compare(args),
         Subject::Inspect(args) => inspect::inspect(args),
         Subject::Bench(args) => bench::bench(args),
+        Subject::Report(args) => curves::report(args),
         Subject::Test(args) => test::test(args),
         Subject::Check => check::check(),
     }

@@ -181,6 +181,11 @@ impl Method {
         Err(Failure::usage(format!("method `{name}` {why}: there are {names}")))
     }
 
+    /// All of them, in the order in which people should hear of them.
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        ABOUT.iter().map(|(method, _)| *method)
+    }
+
     /// What a person has to know of it.
     pub(crate) fn about(self) -> &'static About {
         let (_, about) =

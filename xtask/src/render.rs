@@ -223,7 +223,7 @@ impl LookArgs {
             (Some(GiKind::Path), _) | (None, Method::Path) => Gi::Path,
             (Some(GiKind::None) | None, _) => Gi::None,
         };
-        Ok(Plan { method, settings, gi, bounces: self.bounces, seed: self.seed })
+        Ok(Plan { method, settings, gi, bounces: self.bounces, seed: self.seed, light_seed: self.seed })
     }
 }
 

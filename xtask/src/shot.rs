@@ -37,8 +37,10 @@ pub(crate) struct Plan {
     pub(crate) gi: Gi,
     /// Indirect bounces.
     pub(crate) bounces: u32,
-    /// Of every random number.
+    /// Of every random number, but for those below.
     pub(crate) seed: u32,
+    /// Of lights drawn and places on them.
+    pub(crate) light_seed: u32,
 }
 
 /// What a picture is taken of.
@@ -148,7 +150,11 @@ impl<'a> Stage<'a> {
 
     fn frame<'f>(&'f self, plan: &Plan, lights: &'f [Light]) -> Frame<'f, SceneRays> {
         let vpl_clamp = plan.settings.number("clamp").unwrap_or(f32::INFINITY);
-        Frame { vpl_clamp, ..Frame::new(self.scene, self.rays, lights, plan.seed) }
+        Frame {
+            vpl_clamp,
+            light_seed: plan.light_seed,
+            ..Frame::new(self.scene, self.rays, lights, plan.seed)
+        }
     }
 }
 

@@ -2,22 +2,14 @@
 
 use serde_json::Value;
 
-const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:75rem;padding:0 1rem;background:#16181c;color:#e6e6e6}
-h1{font-weight:600;font-size:1.4rem}p{max-width:50rem}a{color:#8ab4f8}
-table{border-collapse:collapse;font-variant-numeric:tabular-nums;width:100%}
-th,td{padding:.35rem .7rem;text-align:right;border-bottom:1px solid #33363d}th:first-child,td:first-child{text-align:left}
-.best{color:#9be29b;font-weight:600}.pictures{display:grid;grid-template-columns:repeat(auto-fill,minmax(22rem,1fr));gap:1rem;margin-top:1.5rem}
-figure{margin:0}img{width:100%;image-rendering:pixelated;display:block;background:#000}figcaption{font-size:.85rem;color:#aab}";
+use crate::html::{self, escape};
 
 /// The page that shows `data` (what `data.json` holds).
 pub(super) fn page(data: &Value) -> String {
     let methods = data["methods"].as_array().map(Vec::as_slice).unwrap_or_default();
     let scene = escape(data["scene"].as_str().unwrap_or_default());
     let seconds = data["seconds_per_method"].as_f64().unwrap_or_default();
-    let mut html = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width\">\n\
-         <title>{scene}: methods compared</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{scene}: methods compared</h1>\n"
-    );
+    let mut html = html::head(&format!("{scene}: methods compared"));
     html += &format!(
         "<p>{}×{} pixels, {seconds} seconds per method on {} threads, light tree included. The reference: {}. Data: \
          <a href=\"data.json\">JSON</a>, <a href=\"data.csv\">CSV</a>; every picture is there as EXR, too.</p>\n",
@@ -69,11 +61,6 @@ fn table(methods: &[Value]) -> String {
         );
     }
     html + "</table>\n"
-}
-
-/// Text that is safe inside an element or a quoted attribute: a scene's name comes from a file.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

@@ -125,7 +125,7 @@ impl Reference {
 }
 
 /// Weighted mean of two pictures, into the first.
-pub(super) fn blend(film: &mut Film, weight: u32, other: &Film, other_weight: u32) {
+pub(crate) fn blend(film: &mut Film, weight: u32, other: &Film, other_weight: u32) {
     let share = other_weight as f32 / (weight + other_weight) as f32;
     for (pixel, &other) in film.pixels.iter_mut().zip(&other.pixels) {
         *pixel = pixel.lerp(other, share);

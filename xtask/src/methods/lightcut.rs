@@ -79,7 +79,7 @@ fn transfer<Q: Geometry>(
     counts: &mut Counts,
 ) -> Transfer {
     let light = &frame.lights[id.0 as usize];
-    let [u, v, ..] = pcg4d([frame.seed ^ Purpose::Lights.salt(), point.pixel, point.sample, id.0]);
+    let [u, v, ..] = pcg4d([frame.light_seed ^ Purpose::Lights.salt(), point.pixel, point.sample, id.0]);
     let mut at = light.point(frame.scene, [unit_f32(u), unit_f32(v)]);
 
     // Take the light's colour out: a representative speaks for others of other colours.

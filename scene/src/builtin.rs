@@ -7,33 +7,42 @@
 //! | `city` | street canyons at night | emissive quads: windows, shops, street lamps |
 //! | `glossy` | GGX, Phong, mirror and glass on a table | coloured point lights |
 //! | `wall` | a plain room that faces a wall of lights | virtual point lights |
+//! | `cornell-lights` | the Cornell box with 12 bodies that fly around in it | their emissive triangles |
+//! | `sun` | a courtyard under a moving sun | the virtual point lights that the sun makes, about |
 //!
 //! All but `cornell` take a count of lights after a colon, `hall:10000`; their brightness does not depend on it
-//! (`city` grows instead).
+//! (`city` grows instead). The last two move: [`Scene::go_to_frame`].
 
 mod city;
 mod cornell;
+mod cornell_lights;
 mod glossy;
 mod hall;
+mod motion;
 mod palette;
 mod shapes;
+mod sun;
 mod wall;
 
 use std::fmt;
 
 use glam::Affine3A;
 
+pub use self::motion::Motion;
 use self::shapes::Shapes;
-use crate::{Instance, Material, Scene};
+use crate::{Instance, Material, Mesh, Scene};
 
 /// Names and default counts of the built-in scenes, in the order in which they should be listed. A count of `None`
 /// means that the scene takes none.
-pub const BUILTIN_SCENES: [(&str, Option<usize>); 5] = [
+pub const BUILTIN_SCENES: [(&str, Option<usize>); 7] = [
     ("hall", Some(10_000)),
     ("cornell", None),
     ("city", Some(100_000)),
     ("glossy", Some(1_000)),
     ("wall", Some(1_000_000)),
+    // As in Lin and Yuksel 2020, section 5.
+    ("cornell-lights", Some(12_146)),
+    ("sun", Some(100_000)),
 ];
 
 /// The largest count that a built-in scene takes: 20 million.
@@ -103,6 +112,8 @@ pub fn builtin(spec: &str) -> Result<Scene, BuiltinError> {
         "cornell" => cornell::cornell(),
         "city" => city::city(count),
         "glossy" => glossy::glossy(count),
+        "cornell-lights" => cornell_lights::cornell_lights(count),
+        "sun" => sun::sun(count),
         _ => wall::wall(count),
     };
     let counts = format!("{} triangles, {} lights", scene.triangle_count(), scene.lights.len());
@@ -113,10 +124,15 @@ pub fn builtin(spec: &str) -> Result<Scene, BuiltinError> {
 impl Scene {
     /// Adds `shapes` of one material, standing where they were made; nothing if they are empty.
     fn add(&mut self, shapes: Shapes, material: Material) {
-        let mesh = shapes.into_mesh(self.materials.len() as u32);
+        self.add_mesh(shapes.into_mesh(0), material);
+    }
+
+    /// Adds a mesh of one material, whatever the mesh says, standing where it was made; nothing if it is empty.
+    fn add_mesh(&mut self, mesh: Mesh, material: Material) {
         if mesh.triangles.is_empty() {
             return;
         }
+        let mesh = Mesh { material: self.materials.len() as u32, ..mesh };
         self.materials.push(material);
         self.instances.push(Instance { mesh: self.meshes.len() as u32, to_world: Affine3A::IDENTITY });
         self.meshes.push(mesh);

@@ -26,7 +26,7 @@ mod shading;
 mod texture;
 
 pub use brute_force::BruteForce;
-pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, builtin};
+pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, Motion, builtin};
 pub use camera::Camera;
 pub use film::{Film, luminance};
 pub use image_io::{ImageError, auto_exposure, read_exr, write_exr, write_png};

@@ -9,7 +9,7 @@ pub use self::emission::EmissionSummary;
 
 use lighttree::Emitter;
 
-use crate::{Camera, DistantLight, Light, Material, Texture};
+use crate::{Camera, DistantLight, Light, Material, Motion, Texture};
 
 /// A scene: geometry, materials, lights, cameras. Indices are valid and every number finite: importers and
 /// generators see to it.
@@ -33,6 +33,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// What was decided or dropped on the way, a sentence each, for people.
     pub notes: Vec<String>,
+    /// What changes from frame to frame: nothing but in some built-in scenes.
+    pub motion: Motion,
 }
 
 /// Triangles of one material in object space.

@@ -3,7 +3,7 @@
 mod sound;
 
 use lighttree::Emitter;
-use scene::{BUILTIN_SCENES, BuiltinError, Light, MAX_BUILTIN_LIGHTS, Scene, builtin};
+use scene::{BUILTIN_SCENES, BuiltinError, Light, MAX_BUILTIN_LIGHTS, Motion, Scene, builtin};
 
 use sound::{assert_sound, bits};
 
@@ -30,6 +30,11 @@ fn counts_of_lights_are_what_was_asked_for() {
     assert_eq!(builtin("glossy").unwrap().lights.len(), 1_000);
     assert_eq!(builtin("wall:4321").unwrap().lights.len(), 4_321);
     assert_eq!(builtin("cornell").unwrap().lights.len(), 2);
+    for count in [1, 5, 12, 1_000, 12_146] {
+        assert_eq!(builtin(&format!("cornell-lights:{count}")).unwrap().lights.len(), count);
+    }
+    let sun = builtin("sun:20000").unwrap().lights.len() as f64;
+    assert!((sun / 20_000.0 - 1.0).abs() < 0.1, "about as many as asked for: {sun}");
     for count in [1, 2, 3, 1_000, 12_345] {
         let city = builtin(&format!("city:{count}")).unwrap();
         assert_eq!(city.lights.len(), 2 * count, "quads are pairs of triangles");
@@ -45,7 +50,8 @@ fn the_hall_is_a_small_scene_whatever_its_lights() {
 
 #[test]
 fn the_same_name_gives_the_same_scene() {
-    for spec in ["hall:100", "cornell", "city:100", "glossy:100", "wall:100"] {
+    for spec in ["hall:100", "cornell", "city:100", "glossy:100", "wall:100", "cornell-lights:100", "sun:100"]
+    {
         assert_eq!(bits(&builtin(spec).unwrap()), bits(&builtin(spec).unwrap()), "{spec}");
     }
 }
@@ -54,7 +60,7 @@ fn the_same_name_gives_the_same_scene() {
 #[test]
 fn brightness_does_not_depend_on_the_count() {
     let total = |scene: &Scene| -> f64 { scene.lights.iter().map(|l| f64::from(l.bounds().intensity)).sum() };
-    for name in ["hall", "glossy", "wall"] {
+    for name in ["hall", "glossy", "wall", "cornell-lights"] {
         let few = total(&builtin(&format!("{name}:10")).unwrap());
         let many = total(&builtin(&format!("{name}:20000")).unwrap());
         assert!((few / many - 1.0).abs() < 1e-4, "{name}: {few} and {many}");
@@ -104,4 +110,62 @@ fn a_bad_name_or_count_is_an_error_of_one_line() {
         assert!(message(&spec).contains("from 1 to 20000000"));
     }
     assert_eq!(builtin("cornell:2").unwrap_err(), BuiltinError::NoCount { name: "cornell" });
+}
+
+/// A frame is a function of its number, whatever came before; the first one is the scene as it was made.
+#[test]
+fn frames_can_be_made_in_any_order() {
+    for spec in ["cornell-lights:300", "sun:300"] {
+        let first = builtin(spec).unwrap();
+        let mut scene = first.clone();
+        scene.go_to_frame(7).unwrap();
+        let seventh = bits(&scene);
+        assert_sound(&scene);
+        assert_ne!(seventh, bits(&first), "{spec}: nothing moves");
+        scene.go_to_frame(1_000_000_000).unwrap();
+        assert_sound(&scene);
+        scene.go_to_frame(7).unwrap();
+        assert_eq!(bits(&scene), seventh, "{spec}");
+        scene.go_to_frame(0).unwrap();
+        assert_eq!(bits(&scene), bits(&first), "{spec}");
+    }
+    let mut still = builtin("hall:10").unwrap();
+    assert!(still.motion.is_still());
+    let before = bits(&still);
+    still.go_to_frame(3).unwrap();
+    assert_eq!(bits(&still), before);
+}
+
+/// Bodies stay in the box, clear of its blocks and of one another, all the way round.
+#[test]
+fn bodies_meet_nothing_on_their_way() {
+    let mut scene = builtin("cornell-lights").unwrap();
+    let Motion::Bodies { count } = scene.motion else { panic!("{:?}", scene.motion) };
+    let first = scene.instances.len() - count;
+    let white = &scene.meshes[0];
+    // The two blocks, as the box of their corners each: the last ten quads of the first mesh.
+    let corners = |quads: std::ops::Range<usize>| &white.positions[4 * quads.start..4 * quads.end];
+    let blocks = [corners(3..8), corners(8..13)].map(|corners| {
+        let none = (glam::Vec3::INFINITY, glam::Vec3::NEG_INFINITY);
+        corners.iter().fold(none, |(min, max), &p| (min.min(p), max.max(p)))
+    });
+    let (low, high) = (glam::Vec3::ZERO, glam::Vec3::new(0.549, 0.5488, 0.5592));
+    for frame in 0..240 {
+        scene.go_to_frame(frame).unwrap();
+        let balls: Vec<(glam::Vec3, f32)> = (scene.instances[first..].iter())
+            .map(|body| (body.to_world.translation.into(), 1.06 * body.to_world.matrix3.x_axis.length()))
+            .collect();
+        for (i, &(at, radius)) in balls.iter().enumerate() {
+            assert!(
+                (at - radius).cmpgt(low).all() && (at + radius).cmplt(high).all(),
+                "{i} leaves in {frame}"
+            );
+            for (min, max) in blocks {
+                assert!(at.distance(at.clamp(min, max)) > radius, "{i} meets a block in {frame}");
+            }
+            for (j, &(other, size)) in balls[..i].iter().enumerate() {
+                assert!(at.distance(other) > radius + size, "{i} meets {j} in {frame}");
+            }
+        }
+    }
 }

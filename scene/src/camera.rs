@@ -1,6 +1,6 @@
 //! A pinhole camera.
 
-use glam::{Vec2, Vec3};
+use glam::{Quat, Vec2, Vec3};
 use lighttree::Ray;
 
 /// A pinhole camera.
@@ -28,6 +28,20 @@ impl Camera {
         Self { name: name.to_owned(), position, forward, right, up: right.cross(forward), vertical_fov }
     }
 
+    /// The same camera carried round the line through `point` along the unit vector `axis`, by `angle` radians.
+    #[must_use]
+    pub fn turned_about(&self, point: Vec3, axis: Vec3, angle: f32) -> Self {
+        let turn = Quat::from_axis_angle(axis, angle);
+        Self {
+            name: self.name.clone(),
+            position: point + turn * (self.position - point),
+            forward: turn * self.forward,
+            right: turn * self.right,
+            up: turn * self.up,
+            vertical_fov: self.vertical_fov,
+        }
+    }
+
     /// The ray through `at` (in pixels, (0, 0) the upper left corner of the image) of a `width` × `height` image;
     /// pixels are square.
     pub fn ray(&self, at: Vec2, width: u32, height: u32) -> Ray {
@@ -36,5 +50,22 @@ impl Camera {
         let x = (2.0 * at.x / width as f32 - 1.0) * half * (width as f32 / height as f32);
         let direction = (self.forward + x * self.right + y * self.up).normalize();
         Ray { origin: self.position, direction, t_max: f32::INFINITY }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Halfway round a point it sees that point from the other side, upright, in the middle of the picture.
+    #[test]
+    fn a_camera_goes_round_what_it_looks_at() {
+        let target = Vec3::new(1.0, 2.0, 3.0);
+        let camera = Camera::look_at("a", Vec3::new(4.0, 2.5, 3.0), target, Vec3::Y, 1.0);
+        let turned = camera.turned_about(target, Vec3::Y, core::f32::consts::PI);
+        assert!(turned.position.distance(Vec3::new(-2.0, 2.5, 3.0)) < 1e-5);
+        let expected = Camera::look_at("a", turned.position, target, Vec3::Y, 1.0);
+        assert!(turned.forward.distance(expected.forward) < 1e-5);
+        assert!(turned.right.distance(expected.right) < 1e-5 && turned.up.distance(expected.up) < 1e-5);
     }
 }

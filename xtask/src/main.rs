@@ -6,6 +6,7 @@ mod check;
 mod compare;
 mod curves;
 mod failure;
+mod frames;
 mod html;
 mod inspect;
 mod memory;

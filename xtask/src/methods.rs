@@ -32,12 +32,18 @@ pub(crate) struct About {
 }
 
 /// Dials that every method has.
-pub(crate) const COMMON: [Key; 4] = [
+pub(crate) const COMMON: [Key; 5] = [
     Key {
         name: "camera",
         default: "first",
         range: Range::Words("the name of one of the scene's cameras, or `first`"),
         trades: "where the picture is taken from",
+    },
+    Key {
+        name: "orbit",
+        default: "0",
+        range: Range::Number(-360.0, 360.0),
+        trades: "degrees that the camera goes round the middle of its view with each of --frames",
     },
     Key {
         name: "materials",

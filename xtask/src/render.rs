@@ -1,24 +1,24 @@
-//! `cargo xtask render`: one scene, one method, one picture.
+//! `cargo xtask render`: one scene, one method, one picture or one after another.
 
 use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::ValueEnum;
-use scene::{Film, RenderParams, SceneRays};
+use scene::{Counts, Film, RenderParams, SceneRays};
 
 use crate::failure::Failure;
+use crate::frames::{self, Kept, Sequence};
 use crate::methods::{self, Method};
-use crate::progress::Watched;
 use crate::report::{self, Report, Seconds};
 use crate::settings::Settings;
-use crate::shot::{Gi, Plan, Stage};
+use crate::shot::{Gi, Plan};
 use crate::{memory, output, source, stop};
 
 /// What to render, and how.
 #[derive(clap::Args)]
 pub(crate) struct RenderArgs {
     /// A .glb or .gltf file, or a built-in scene with an optional number of lights: hall:10000, cornell, city:100000,
-    /// glossy:1000, wall:1000000
+    /// glossy:1000, wall:1000000, and two that move: cornell-lights:12146, sun:100000
     #[arg(default_value = source::DEFAULT_SCENE)]
     scene: String,
 
@@ -41,8 +41,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "WHERE", default_value = "cpu")]
     device: Device,
 
-    /// Frames of an animation: this version renders one
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    /// Frames, each with lights built anew and a seed of its own: more than one are written as FILE.0000.exr and so on
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: u32,
 
     /// A picture of the same size to take the error against
@@ -116,7 +116,7 @@ pub(crate) fn size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-/// Renders one picture and says what it took.
+/// Renders one picture, or a few frames, and says what it took.
 pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
     if args.help_methods {
         print!("{}", methods::help());
@@ -134,59 +134,71 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
     use_threads(args.look.threads)?;
 
     // Set the stage.
-    let (scene, load_seconds) = source::load(&args.scene, materials)?;
+    let (mut scene, load_seconds) = source::load(&args.scene, materials)?;
     let camera = source::camera(&scene, &plan.settings)?;
     let start = Instant::now();
-    let rays =
+    let mut rays =
         SceneRays::build(&scene).map_err(|error| Failure::failed(format!("{}: {error}", scene.name)))?;
-    let build_rays = start.elapsed().as_secs_f64();
-    let stage = Stage { scene: &scene, rays: &rays, camera: &camera };
-    let prepared = stage.prepare(&plan)?;
+    let mut seconds =
+        Seconds { load: load_seconds, build_rays: start.elapsed().as_secs_f64(), ..Seconds::default() };
 
-    // Take the picture.
+    // Take frame after frame, and write each.
     let params = params(args, plan.method);
-    let start = Instant::now();
-    let rendered = {
-        let watched = Watched::new(plan.method.about().name);
-        stage.render(&plan, &prepared, &params, &watched)?
+    let sequence = Sequence {
+        plan: &plan,
+        camera: &camera,
+        params: &params,
+        reference: reference.as_ref(),
+        frames: args.frames,
     };
-    let render_seconds = start.elapsed().as_secs_f64();
-    let error = reference.as_ref().map(|reference| report::errors(&rendered, reference)).transpose()?;
+    let (mut kept, mut counts, mut frames) = (Kept::default(), Counts::default(), Vec::new());
+    let mut exposure = plan.settings.number("exposure");
+    let last = loop {
+        let frame = frames.len() as u32;
+        let mut taken = sequence.take(frame, &mut scene, &mut rays, &mut kept)?;
+        frames::add(&mut seconds, &mut counts, &taken);
+        // That of the first frame for all: a film must not flicker.
+        let stops = *exposure.get_or_insert_with(|| scene::auto_exposure(&taken.rendered.film));
+        let output = sequence.output(&args.output, frame);
+        let png = output::picture(&output, &taken.rendered.film, stops)?;
+        taken.report.output = output;
+        if args.frames > 1 {
+            eprintln!("{}", taken.report.for_people());
+        } else {
+            eprintln!("wrote {} and {} (exposure {stops:+.2} stops)", args.output.display(), png.display());
+        }
+        frames.push(taken.report.json());
+        if frame + 1 == args.frames || taken.rendered.cut_short {
+            break taken;
+        }
+    };
 
-    // Write it.
-    let exposure = exposure(&plan.settings, &rendered.film);
-    let png = output::picture(&args.output, &rendered.film, exposure)?;
-    let seconds = Seconds {
-        load: load_seconds,
-        build_rays,
-        build_lights: prepared.seconds,
-        render: render_seconds,
-        total: total.elapsed().as_secs_f64(),
-    };
+    // Say what it took.
+    seconds.total = total.elapsed().as_secs_f64();
     let report = Report {
         method: plan.method.about().name,
         scene: &scene,
-        vpls: prepared.vpls,
+        vpls: last.vpls,
         params: &params,
         seed: plan.seed,
         threads: rayon::current_num_threads(),
         seconds,
-        counts: &rendered.counts,
-        light_tree_bytes: prepared.bytes(),
+        counts: &counts,
+        light_tree_bytes: last.light_tree_bytes,
         rays_bytes: rays.bytes(),
         peak_rss: memory::peak_resident(),
-        error,
+        error: last.error,
         output: &args.output,
+        frames: (args.frames > 1).then_some(frames),
     };
     eprint!("{}", report.for_people());
-    eprintln!("wrote {} and {} (exposure {exposure:+.2} stops)", args.output.display(), png.display());
     if args.json {
         println!("{}", report.json());
     }
-    if rendered.cut_short {
+    if last.rendered.cut_short {
         return Err(Failure::Interrupted(format!(
             "{}: cut short; what was finished is written, the rest is black",
-            args.output.display()
+            last.report.output.display()
         )));
     }
     Ok(())
@@ -196,12 +208,6 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
 fn plan(args: &RenderArgs) -> Result<Plan, Failure> {
     if args.device == Device::Gpu {
         return Err(Failure::usage("--device gpu: this version renders on the cpu; leave the option out"));
-    }
-    if args.frames != 1 {
-        return Err(Failure::usage(format!(
-            "--frames {}: this version renders one picture, and no method keeps anything from frame to frame; leave the option out",
-            args.frames
-        )));
     }
     let method = Method::named(&args.method)?;
     let settings = Settings::parse(&format!("method `{}`", args.method), &method.keys(), &args.set)?;

@@ -37,6 +37,8 @@ pub(crate) struct Report<'a> {
     pub(crate) peak_rss: Option<u64>,
     pub(crate) error: Option<Errors>,
     pub(crate) output: &'a Path,
+    /// Entries of the array `frames`, where more than one was asked for.
+    pub(crate) frames: Option<Vec<Value>>,
 }
 
 impl Report<'_> {
@@ -63,6 +65,9 @@ impl Report<'_> {
         });
         if let Some(error) = &self.error {
             object["error"] = errors_json(error);
+        }
+        if let Some(frames) = &self.frames {
+            object["frames"] = json!(frames);
         }
         object["output"] = json!(self.output.display().to_string());
         object

@@ -161,6 +161,51 @@ fn the_same_seed_gives_the_same_bytes_for_any_threads() {
     }
 }
 
+/// Frames are files of their own and entries of the report; the first one is the picture without the option.
+#[test]
+fn frames_are_written_one_by_one() {
+    let folder = folder();
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    for scene in ["cornell-lights:200", "sun:500", "hall:50"] {
+        let one = render(folder.path(), &[scene, "--method", "tree", "--spp", "2", "-o", "one.exr"]);
+        assert!(one.get("frames").is_none(), "one picture is reported as ever");
+        let arguments = [scene, "--method", "tree", "--spp", "2", "--frames", "3", "-o", "film.exr"];
+        let json = render(folder.path(), &arguments);
+        let frames = json["frames"].as_array().unwrap();
+        assert_eq!((frames.len(), json["output"].as_str()), (3, Some("film.exr")));
+        assert_eq!(keys(&frames[1]), ["frame", "seed", "seconds", "change", "output"]);
+        assert_eq!(keys(&frames[1]["seconds"]), ["move", "build_rays", "build_lights", "render", "total"]);
+        let names = ["film.0000.exr", "film.0001.exr", "film.0002.exr"];
+        for (frame, name) in frames.iter().zip(names) {
+            assert_eq!(frame["output"], name);
+            assert!(folder.path().join(name).with_extension("png").is_file());
+        }
+        assert!(frames[0]["change"].is_null() && frames[1]["change"].as_f64().unwrap() > 0.0);
+        let sum: u64 = json["counts"]["closest_hit_rays"].as_u64().unwrap();
+        assert!(sum >= 3 * 2 * 24 * 16, "counts are those of all frames");
+        assert_eq!(read("one.exr"), read("film.0000.exr"), "{scene}");
+        assert_ne!(read("film.0001.exr"), read("film.0002.exr"), "{scene}");
+
+        // The same bits again, on another number of threads.
+        let again = [&arguments[..7], &["-o", "again.exr", "--threads", "1"]].concat();
+        render(folder.path(), &again);
+        for frame in ["0000", "0001", "0002"] {
+            assert_eq!(read(&format!("film.{frame}.exr")), read(&format!("again.{frame}.exr")), "{scene}");
+        }
+    }
+}
+
+#[test]
+fn a_camera_goes_round() {
+    let folder = folder();
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    let arguments = ["hall:50", "--method", "brute", "--frames", "2", "-o"];
+    render(folder.path(), &[&arguments[..], &["still.exr"]].concat());
+    render(folder.path(), &[&arguments[..], &["orbit.exr", "--set", "orbit=20"]].concat());
+    assert_eq!(read("still.0000.exr"), read("orbit.0000.exr"));
+    assert_ne!(read("still.0001.exr"), read("orbit.0001.exr"));
+}
+
 #[test]
 fn pixels_renders_only_so_many() {
     let folder = folder();
@@ -195,7 +240,7 @@ fn bad_calls_exit_with_2_and_say_what_to_write() {
     refuses(&["render", "hall:10", "--set", "camera=roof"], 2, &["roof", "no such camera"]);
     refuses(&["render", "--size", "24"], 2, &["--size", "WIDTHxHEIGHT"]);
     refuses(&["render", "--spp", "0"], 2, &["--spp"]);
-    refuses(&["render", "--frames", "2"], 2, &["--frames", "leave the option out"]);
+    refuses(&["render", "--frames", "0"], 2, &["--frames"]);
     refuses(&["render", "--device", "gpu"], 2, &["gpu", "leave the option out"]);
     refuses(&["render", "-o", "picture.jpg"], 2, &["picture.jpg", ".exr"]);
     refuses(&["render", "-o", "nowhere/picture.exr"], 2, &["nowhere", "make it first"]);

@@ -50,6 +50,6 @@ pub use requirements::Requirements;
 pub use sampled::{Draw, DrawLights, Drawn, DrawnScratch, Sampled, restart_in_stratum};
 pub use shading::{
     CameraPath, Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, SurfaceLook, Vertex, camera_path,
-    vertex,
+    camera_ray, vertex,
 };
 pub use texture::{Texture, Wrap};

@@ -4,12 +4,12 @@ use core::ops::Range;
 use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 use lighttree::rng::Random;
 use lighttree::{Ray, RayHit, Segment};
 use rayon::prelude::*;
 
-use crate::shading::{CameraPath, Geometry, Purpose, ShadingPoint, camera_path};
+use crate::shading::{CameraPath, Geometry, Purpose, ShadingPoint, camera_path, camera_ray};
 use crate::{Camera, Film, Light, Scene};
 
 /// Side of the square of pixels that is shaded at once.
@@ -333,10 +333,8 @@ fn render_unit<Q: Geometry, D: DirectLighting<Q>>(
         camera_rays.clear();
         randoms.clear();
         for &pixel in pixels {
-            let mut random = Random::new(frame.seed ^ Purpose::Camera.salt(), pixel, sample);
-            let corner = Vec2::new((pixel % params.width) as f32, (pixel / params.width) as f32);
-            let at = corner + Vec2::new(random.f32(), random.f32());
-            camera_rays.push(camera.ray(at, params.width, params.height));
+            let (ray, random) = camera_ray(camera, frame.seed, (params.width, params.height), pixel, sample);
+            camera_rays.push(ray);
             randoms.push(random);
         }
         hits.clear();

@@ -6,7 +6,7 @@ use lighttree::{Ray, RayHit, RayQueries, Receiver, ScatterLobes, Segment, Toward
 use crate::bsdf::{Bsdf, Dielectric, Ggx, Phong, Transport};
 use crate::light::{LightPoint, Profile};
 use crate::render::{Counts, Frame};
-use crate::{DistantLight, Material, Scene, Surface, TextureSlot};
+use crate::{Camera, DistantLight, Material, Scene, Surface, TextureSlot};
 
 /// Rays against a [`Scene`], and what their answers mean to a shader.
 ///
@@ -141,6 +141,8 @@ pub enum Purpose {
     Particles,
     /// Which pixels are drawn.
     Pixels,
+    /// Which pixel speaks for a block of them.
+    Blocks,
 }
 
 impl Purpose {
@@ -335,6 +337,21 @@ impl ShadingPoint {
         let side = if self.geometric_normal.dot(wi) >= 0.0 { self.offset } else { -self.offset };
         Ray { origin: self.position + side * self.geometric_normal, direction: wi, t_max: f32::INFINITY }
     }
+}
+
+/// The ray of camera sample `sample` of a pixel, given by its index, and the random numbers for what it meets: the same wherever it
+/// is asked for.
+pub fn camera_ray(
+    camera: &Camera,
+    seed: u32,
+    (width, height): (u32, u32),
+    pixel: u32,
+    sample: u32,
+) -> (Ray, Random) {
+    let mut random = Random::new(seed ^ Purpose::Camera.salt(), pixel, sample);
+    let corner = Vec2::new((pixel % width) as f32, (pixel / width) as f32);
+    let at = corner + Vec2::new(random.f32(), random.f32());
+    (camera.ray(at, width, height), random)
 }
 
 /// What the camera sees along one ray.

@@ -5,9 +5,20 @@
 //! used, so that estimates are unbiased and can be combined with other samplers (multiple importance sampling).
 //!
 //! - [`CutSampler`]: a cut of n subtrees for a receiver, one light from each ([`Subtrees`]).
+//! - [`SharedCuts`]: one cut for a block of pixels ([`BlockGrid`]), unless a [`Guard`] says that a pixel needs its own; [`Interleave`]:
+//!   each pixel takes a part of it.
+//! - [`SplitSampler`]: adaptive tree splitting.
 
 mod cut;
+mod guarded;
+mod interleave;
+mod shared;
+mod split;
 mod subtrees;
 
 pub use cut::{CutParams, CutSampler, Selection};
+pub use guarded::{Guard, SurfacePoint};
+pub use interleave::Interleave;
+pub use shared::{BlockGrid, SharedCuts};
+pub use split::{EnergySpread, SplitParams, SplitSampler};
 pub use subtrees::Subtrees;

@@ -1,11 +1,15 @@
 //! The methods of direct lighting that a user may choose between, and their dials.
 
+mod cut;
 mod lightcut;
+mod split;
 
+pub(crate) use cut::{CutMethod, SharedCutMethod};
 pub(crate) use lightcut::{LightcutMethod, representatives};
+pub(crate) use split::SplitMethod;
 
 use crate::failure::Failure;
-use crate::settings::{Key, Range};
+use crate::settings::{Key, Range, Settings};
 use crate::trees;
 
 /// A method of `--method`.
@@ -15,6 +19,9 @@ pub(crate) enum Method {
     Uniform,
     Power,
     Tree,
+    Split,
+    Cut,
+    SharedCut,
     Lightcut,
     Path,
 }
@@ -101,7 +108,7 @@ const LIGHTCUT_KEYS: [Key; 5] = [
     Key { default: "agglomerative", ..trees::BUILDER },
 ];
 
-const ABOUT: [(Method, About); 6] = [
+const ABOUT: [(Method, About); 9] = [
     (
         Method::Brute,
         About {
@@ -134,8 +141,35 @@ const ABOUT: [(Method, About); 6] = [
         About {
             name: "tree",
             what: "Lights drawn by one walk down a light tree, towards what is near, bright and turned this way (Conty and Kulla 2018).",
-            keys: &[LIGHTS, trees::BUILDER],
+            keys: &[LIGHTS, trees::CHOICE, trees::BUILDER],
             spp: 16,
+        },
+    ),
+    (
+        Method::Split,
+        About {
+            name: "split",
+            what: "Light tree split for each point where a cluster says too little, one light from each part (Conty and Kulla 2018).",
+            keys: &split::KEYS,
+            spp: 4,
+        },
+    ),
+    (
+        Method::Cut,
+        About {
+            name: "cut",
+            what: "Light tree cut into a fixed number of subtrees for each point, one light from each (Yuksel 2019).",
+            keys: &cut::CUT_KEYS,
+            spp: 4,
+        },
+    ),
+    (
+        Method::SharedCut,
+        About {
+            name: "shared-cut",
+            what: "The same with one cut for all pixels of a block, interleaved if you like (Lin and Yuksel 2020).",
+            keys: &cut::SHARED_CUT_KEYS,
+            spp: 4,
         },
     ),
     (
@@ -159,19 +193,8 @@ const ABOUT: [(Method, About); 6] = [
 ];
 
 /// Of the names that scripts may know, those that this version does not build.
-const ELSEWHERE: [&str; 11] = [
-    "split",
-    "cut",
-    "shared-cut",
-    "ris",
-    "cut-cdf",
-    "cut-cdf-vis",
-    "recon",
-    "cutinterp",
-    "cutinterp-vis",
-    "gather",
-    "photoncut",
-];
+const ELSEWHERE: [&str; 8] =
+    ["ris", "cut-cdf", "cut-cdf-vis", "recon", "cutinterp", "cutinterp-vis", "gather", "photoncut"];
 
 impl Method {
     /// The method of that name.
@@ -197,6 +220,22 @@ impl Method {
         let (_, about) =
             ABOUT.iter().find(|(method, _)| *method == self).expect("every method is in the table");
         about
+    }
+
+    /// Whether its dials, each in its range, go together.
+    ///
+    /// # Errors
+    /// A usage error that names the dial.
+    pub(crate) fn check(self, settings: &Settings) -> Result<(), Failure> {
+        match self {
+            Self::Cut | Self::SharedCut => cut::check(settings),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether it draws from a light tree, which then has to be built.
+    pub(crate) fn needs_tree(self) -> bool {
+        !matches!(self, Self::Brute | Self::Uniform | Self::Power)
     }
 
     /// Its own dials and those of every method.

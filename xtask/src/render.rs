@@ -220,6 +220,7 @@ impl LookArgs {
     /// # Errors
     /// A usage error for a method that does not go with this light.
     pub(crate) fn plan(&self, method: Method, settings: Settings) -> Result<Plan, Failure> {
+        method.check(&settings)?;
         let gi = match (self.gi, method) {
             (Some(GiKind::Vpl), Method::Path) => {
                 let line = "method `path` with --gi vpl: a path tracer finds indirect light itself; use --gi path, or another method";

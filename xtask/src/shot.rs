@@ -9,9 +9,10 @@ use scene::{
     BruteForce, Camera, DirectLighting, Drawn, Frame, IndirectLighting, Light, NoDirect, NoIndirect,
     PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, WalkReport,
 };
+use stochastic::EnergySpread;
 
 use crate::failure::Failure;
-use crate::methods::{LightcutMethod, Method, representatives};
+use crate::methods::{CutMethod, LightcutMethod, Method, SharedCutMethod, SplitMethod, representatives};
 use crate::settings::Settings;
 use crate::trees::{self, Tree};
 
@@ -72,6 +73,7 @@ enum Tool {
     Uniform(UniformSampler),
     Power(PowerSampler),
     Representatives(Representatives),
+    Spread(EnergySpread),
 }
 
 impl Prepared<'_> {
@@ -79,6 +81,7 @@ impl Prepared<'_> {
     pub(crate) fn bytes(&self) -> usize {
         let beside = match &self.tool {
             Tool::Representatives(representatives) => representatives.bytes(),
+            Tool::Spread(spread) => spread.bytes(),
             Tool::Nothing | Tool::Uniform(_) | Tool::Power(_) => 0,
         };
         self.tree.as_ref().map_or(0, Tree::bytes) + beside
@@ -101,8 +104,7 @@ impl<'a> Stage<'a> {
             say_what_was_lost(&report);
             lights = Cow::Owned([&self.scene.lights[..], &made].concat());
         }
-        let needs_tree =
-            matches!(plan.method, Method::Tree | Method::Lightcut | Method::Path) || plan.gi == Gi::Path;
+        let needs_tree = plan.method.needs_tree() || plan.gi == Gi::Path;
         let build = || {
             let builder = plan.settings.find("builder").unwrap_or(trees::BUILDER.default);
             Tree::build(builder, &lights)
@@ -118,6 +120,7 @@ impl<'a> Stage<'a> {
                 let chosen = representatives(tree, &lights, plan.seed).map_err(|error| refuse(&error))?;
                 Tool::Representatives(chosen)
             }
+            (Method::Split, Some(tree)) => Tool::Spread(EnergySpread::of(tree)),
             _ => Tool::Nothing,
         };
         Ok(Prepared { lights, tree, tool, vpls, seconds: start.elapsed().as_secs_f64() })
@@ -142,7 +145,20 @@ impl<'a> Stage<'a> {
                 let params = lightcut_params(&plan.settings);
                 shot.direct(&LightcutMethod { tree, representatives, params })
             }
-            (_, Some(tree)) if plan.method == Method::Tree => shot.sampled(TreeSampler::new(tree)),
+            (Tool::Spread(spread), Some(tree)) => {
+                shot.direct(&Drawn(SplitMethod::new(tree, spread, &plan.settings)))
+            }
+            (_, Some(tree)) if plan.method == Method::Tree => {
+                shot.sampled(TreeSampler::new(tree).with_choice(trees::choice(&plan.settings)))
+            }
+            (_, Some(tree)) if plan.method == Method::Cut => {
+                shot.direct(&Drawn(CutMethod::new(tree, &plan.settings)?))
+            }
+            (_, Some(tree)) if plan.method == Method::SharedCut => {
+                let frame = self.frame(plan, &prepared.lights);
+                let size = (params.width, params.height);
+                shot.direct(&Drawn(SharedCutMethod::new(tree, &plan.settings, &frame, self.camera, size)?))
+            }
             _ if plan.method == Method::Path => shot.direct(&NoDirect),
             _ => shot.direct(&BruteForce),
         }

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use lighttree::{
-    BuildError, BuildParams, Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, LightTree,
-    MortonBits, NodeId, PerfectTree,
+    BuildError, BuildParams, ChildChoice, Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy,
+    LightId, LightTree, MortonBits, NodeId, PerfectTree,
 };
 
-use crate::settings::{Key, Range as KeyRange};
+use crate::settings::{Key, Range as KeyRange, Settings};
 
 /// Names of the builders, as `--set builder=` takes them.
 pub(crate) const BUILDERS: [&str; 5] = ["saoh", "agglomerative", "median", "morton", "perfect"];
@@ -19,6 +19,28 @@ pub(crate) const BUILDER: Key = Key {
     range: KeyRange::OneOf(&BUILDERS),
     trades: "how lights are clustered: agglomerative has the tightest clusters and the slowest build, then saoh, median, morton; perfect builds fastest and keeps no orientations",
 };
+
+/// The key that every method with walks has.
+pub(crate) const CHOICE: Key = Key {
+    name: "choice",
+    default: "minmax",
+    range: KeyRange::OneOf(&["minmax", "yuksel", "center", "upper"]),
+    trades: "what a walk compares two children by: minmax averages the nearest and the farthest distance (Lin and Yuksel 2020), yuksel ignores distance near a node (Yuksel 2019), center takes the boxes' centres, upper the nearest distance; which has least noise depends on the scene (docs/stochastic.md)",
+};
+
+/// What [`CHOICE`] says.
+///
+/// # Panics
+/// If the settings were made without it.
+pub(crate) fn choice(settings: &Settings) -> ChildChoice {
+    match settings.text("choice") {
+        "minmax" => ChildChoice::MinMaxAverage,
+        "yuksel" => ChildChoice::Yuksel2019,
+        "center" => ChildChoice::Center,
+        "upper" => ChildChoice::Upper,
+        other => panic!("`{other}` is not a choice"),
+    }
+}
 
 /// A built light tree of either layout.
 pub(crate) enum Tree {

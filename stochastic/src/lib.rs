@@ -8,6 +8,7 @@
 //! - [`SharedCuts`]: one cut for a block of pixels ([`BlockGrid`]), unless a [`Guard`] says that a pixel needs its own; [`Interleave`]:
 //!   each pixel takes a part of it.
 //! - [`SplitSampler`]: adaptive tree splitting.
+//! - [`TwoLevelSampler`]: one tree per mesh, shared by its instances, and one over the instances ([`TwoLevelTree`]).
 
 mod cut;
 mod guarded;
@@ -15,6 +16,7 @@ mod interleave;
 mod shared;
 mod split;
 mod subtrees;
+mod two_level;
 
 pub use cut::{CutParams, CutSampler, Selection};
 pub use guarded::{Guard, SurfacePoint};
@@ -22,3 +24,4 @@ pub use interleave::Interleave;
 pub use shared::{BlockGrid, SharedCuts};
 pub use split::{EnergySpread, SplitParams, SplitSampler};
 pub use subtrees::Subtrees;
+pub use two_level::{Keeps, LightInstance, LightMesh, TwoLevelError, TwoLevelSampler, TwoLevelTree};

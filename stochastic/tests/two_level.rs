@@ -21,7 +21,11 @@ fn mesh_lights(count: u32, seed: u32) -> Vec<TriangleLight> {
     let mut point = move || Vec3::new(random.f32(), random.f32(), random.f32()) - 0.5;
     let light = |i: u32| {
         let (at, b, c) = (point(), 0.2 * point(), 0.2 * point());
-        TriangleLight { corners: [at, at + b, at + c], radiance: 1.0 + i as f32, two_sided: i % 4 == 0 }
+        TriangleLight {
+            corners: [at, at + b, at + c],
+            radiance: 1.0 + i as f32,
+            two_sided: i.is_multiple_of(4),
+        }
     };
     (0..count).map(light).collect()
 }

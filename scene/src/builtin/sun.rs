@@ -36,10 +36,10 @@ pub(super) fn sun(count: usize) -> Scene {
     arcades(&mut scene);
     cloths(&mut scene);
     clutter(&mut scene);
-    let eye = Vec3::new(-6.6, 2.0, 12.6);
-    scene.cameras.push(Camera::look_at("arcade", eye, Vec3::new(1.2, 2.6, -6.0), Vec3::Y, 1.15));
     let eye = Vec3::new(2.2, 6.8, 13.4);
     scene.cameras.push(Camera::look_at("gallery", eye, Vec3::new(-1.5, 1.2, -6.0), Vec3::Y, 1.1));
+    let eye = Vec3::new(-6.5, 2.0, 13.0);
+    scene.cameras.push(Camera::look_at("arcade", eye, Vec3::new(-4.4, 2.4, 0.0), Vec3::Y, 1.15));
     scene.motion = Motion::Sun { lights: count };
     go_to_frame(&mut scene, count, 0).expect("the court has finite vertices");
     scene.name = format!("sun:{count}");

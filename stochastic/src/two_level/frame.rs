@@ -185,7 +185,7 @@ fn largest_area_factor(cofactors: &DMat3, most: f64, lights: &LightBounds) -> f6
 
 /// Largest first; `None` if the smallest is 0 or as good as that.
 ///
-/// The eigenvalues of MᵀM in closed form (Smith, "Eigenvalues of a Symmetric 3 × 3 Matrix", 1961), the smallest from the determinant, where
+/// The eigenvalues of `MᵀM` in closed form (Smith, "Eigenvalues of a Symmetric 3 × 3 Matrix", 1961), the smallest from the determinant, where
 /// nothing cancels.
 fn singular_values(matrix: DMat3) -> Option<[f64; 3]> {
     let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];

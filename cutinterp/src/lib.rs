@@ -2,13 +2,30 @@
 //!
 //! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, on any [`LightHierarchy`](lighttree::LightHierarchy): levels and visibilities of the
 //! nodes of neighbouring cuts are averaged, and the average is again a valid cut, with exactly one node on each path from root to leaf.
+//!
+//! In the order of use: [`place`] chooses points for records, whose exact cuts (those of the crate `lightcut`, or any others) go into
+//! [`Records`]; a [`RecordGrid`] finds the records near a point, [`WeightParams`] weighs them, [`Selection`] takes the best three;
+//! [`MergedCuts`] interpolates their cuts and visibilities; [`sum_up`] adds up the light, with shadow rays as [`Visibility`] says.
+//! A point without a record is the host's, who falls back to an exact cut and counts it.
 
+mod cache;
+mod grid;
 mod interpolate;
 mod metric;
+mod placement;
+mod record;
+mod shade;
 mod streaming;
 mod visibility;
+mod weights;
 
+pub use cache::MergeCache;
+pub use grid::{ImageSite, RecordGrid};
 pub use interpolate::{Chosen, Hidden, InputCut, MergedCuts};
 pub use metric::{FirstNodes, Level, LevelMetric, Levels};
+pub use placement::{Placed, PlacementParams, PointImage, disagreeing, disagreement_radius, place};
+pub use record::{Record, Records};
+pub use shade::{Lit, Visibility, sum_up};
 pub use streaming::Streaming;
 pub use visibility::interpolate_visibility;
+pub use weights::{Point, Selection, Site, WeightParams};

@@ -1,5 +1,6 @@
 //! Trees of any shape, cuts of them, and the plainest interpolation there is.
 #![allow(dead_code, reason = "each test file uses its part")]
+#![allow(clippy::single_range_in_vec_init, reason = "children of a leaf are one empty range")]
 
 use std::ops::Range;
 
@@ -54,12 +55,7 @@ impl TestTree {
             bounds.windows(2).map(|w| w[0]..w[1]).collect::<Vec<_>>()
         };
         let root = 0..lights;
-        let mut tree = Self {
-            children: Vec::from([0..0]),
-            items: Vec::from([root]),
-            depth: vec![0],
-            intensities: vec![],
-        };
+        let mut tree = Self { children: vec![0..0], items: vec![root], depth: vec![0], intensities: vec![] };
         let mut node = 0;
         while node < tree.items.len() {
             let range = tree.items[node].clone();
@@ -83,8 +79,8 @@ impl TestTree {
     pub(crate) fn mirrored(&self) -> (Self, Vec<NodeId>) {
         let lights = self.items[0].end;
         let mut out = Self {
-            children: Vec::from([0..0]),
-            items: Vec::from([0..lights]),
+            children: vec![0..0],
+            items: vec![0..lights],
             depth: vec![0],
             intensities: self.intensities.iter().rev().copied().collect(),
         };

@@ -51,6 +51,12 @@ impl<H: Default> MergeCache<H> {
         (&slot.merged, &mut slot.host)
     }
 
+    /// Bytes held, without what hosts keep.
+    pub fn bytes(&self) -> usize {
+        let merged: usize = self.slots.iter().map(|slot| slot.merged.bytes()).sum();
+        merged + self.slots.capacity() * size_of::<Slot<H>>()
+    }
+
     /// How often `fill` was called.
     pub fn misses(&self) -> u64 {
         self.misses

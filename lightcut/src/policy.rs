@@ -24,6 +24,23 @@ pub struct Estimate {
     pub(crate) clamped: f32,
 }
 
+impl Estimate {
+    /// Luminance that the node's lights give to the receiver, shadows included, in W·m⁻²·sr⁻¹ divided by the largest intensity of
+    /// all the tree's lights: to be compared with others of the same tree.
+    pub fn luminance(&self) -> f64 {
+        luminance(self.radiance)
+    }
+
+    /// The share of the node's light that arrives, in [0, 1]: 0 or 1 for one shadow ray; 0 where there is no light.
+    pub fn seen(&self) -> f32 {
+        if self.unoccluded > 0.0 {
+            (luminance(self.radiance) / f64::from(self.unoccluded)) as f32
+        } else {
+            0.0
+        }
+    }
+}
+
 pub(crate) struct Policy<'a, T: ?Sized, R: ?Sized, B, F> {
     pub(crate) tree: &'a T,
     pub(crate) representatives: &'a Representatives,

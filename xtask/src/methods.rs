@@ -1,10 +1,12 @@
 //! The methods of direct lighting that a user may choose between, and their dials.
 
 mod cut;
+mod cutinterp;
 mod lightcut;
 mod split;
 
 pub(crate) use cut::{CutMethod, SharedCutMethod};
+pub(crate) use cutinterp::{CutInterpMethod, CutInterpParams, Show};
 pub(crate) use lightcut::{LightcutMethod, representatives};
 pub(crate) use split::SplitMethod;
 
@@ -23,6 +25,8 @@ pub(crate) enum Method {
     Cut,
     SharedCut,
     Lightcut,
+    CutInterp,
+    CutInterpVis,
     Path,
 }
 
@@ -108,7 +112,78 @@ const LIGHTCUT_KEYS: [Key; 5] = [
     Key { default: "agglomerative", ..trees::BUILDER },
 ];
 
-const ABOUT: [(Method, About); 9] = [
+const VISIBILITY: Key = Key {
+    name: "visibility",
+    default: "full",
+    range: Range::OneOf(&["full", "adaptive", "interpolated"]),
+    trades: "where shadows come from: a ray for each cluster, rays where the records disagree, or the records alone; each several times faster than the one before, and blurrier",
+};
+
+const CUTINTERP_KEYS: [Key; 14] = cutinterp_keys(VISIBILITY);
+const CUTINTERP_VIS_KEYS: [Key; 14] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY });
+
+/// The dials of both names of the method.
+const fn cutinterp_keys(visibility: Key) -> [Key; 14] {
+    [
+        visibility,
+        Key {
+            name: "ray_share",
+            default: "0.001",
+            range: Range::Number(0.0, 1.0),
+            trades: "with visibility=adaptive, the share of a point's light that a cluster of doubtful visibility may get wrong without a ray: less of it, more rays",
+        },
+        // The paper's.
+        Key { default: "0.01", ..LIGHTCUT_KEYS[0] },
+        LIGHTCUT_KEYS[1],
+        LIGHTCUT_KEYS[2],
+        LIGHTCUT_KEYS[3],
+        LIGHTCUT_KEYS[4],
+        Key {
+            name: "metric",
+            default: "depth",
+            range: Range::OneOf(&["depth", "width", "intensity"]),
+            trades: "what is interpolated: depth in the tree as in the paper, or the logarithm of lights or of light below a node, which says more in unbalanced trees",
+        },
+        Key {
+            name: "r_min",
+            default: "4",
+            range: Range::Number(0.5, 1000.0),
+            trades: "least radius of a record in pixels: larger, fewer records in corners, and more error there",
+        },
+        Key {
+            name: "r_max",
+            default: "15",
+            range: Range::Number(0.5, 1000.0),
+            trades: "largest radius of a record in pixels: larger, fewer records on open walls, and blurrier shadows",
+        },
+        Key {
+            name: "coverage",
+            default: "1",
+            range: Range::Number(0.0, 8.0),
+            trades: "sum of weights that every point should have: more, more records, smoother interpolation",
+        },
+        Key {
+            name: "finer_beyond",
+            default: "inf",
+            range: Range::Number(0.0, f32::INFINITY),
+            trades: "levels by which cuts may differ and still be averaged; beyond, the finest is taken; 0 merges cuts conservatively, which shows where records change",
+        },
+        Key {
+            name: "spread",
+            default: "inf",
+            range: Range::Number(0.0, f32::INFINITY),
+            trades: "share by which neighbouring records' brightness may differ before a second round of smaller records; inf: one round, 0.3 brings more records to shadows' edges",
+        },
+        Key {
+            name: "show",
+            default: "picture",
+            range: Range::OneOf(&Show::NAMES),
+            trades: "what is painted: the picture, or where records are, how they are weighed, the size of cuts, the visibility",
+        },
+    ]
+}
+
+const ABOUT: [(Method, About); 11] = [
     (
         Method::Brute,
         About {
@@ -182,6 +257,24 @@ const ABOUT: [(Method, About); 9] = [
         },
     ),
     (
+        Method::CutInterp,
+        About {
+            name: "cutinterp",
+            what: "Lightcuts at sparse records, interpolated between them: cuts for a small part of their price, shadow rays as asked for (Rehfeld and Dachsbacher 2016).",
+            keys: &CUTINTERP_KEYS,
+            spp: 1,
+        },
+    ),
+    (
+        Method::CutInterpVis,
+        About {
+            name: "cutinterp-vis",
+            what: "As cutinterp, with shadows interpolated between records, too: a preview without shadow rays.",
+            keys: &CUTINTERP_VIS_KEYS,
+            spp: 1,
+        },
+    ),
+    (
         Method::Path,
         About {
             name: "path",
@@ -193,8 +286,7 @@ const ABOUT: [(Method, About); 9] = [
 ];
 
 /// Of the names that scripts may know, those that this version does not build.
-const ELSEWHERE: [&str; 8] =
-    ["ris", "cut-cdf", "cut-cdf-vis", "recon", "cutinterp", "cutinterp-vis", "gather", "photoncut"];
+const ELSEWHERE: [&str; 6] = ["ris", "cut-cdf", "cut-cdf-vis", "recon", "gather", "photoncut"];
 
 impl Method {
     /// The method of that name.

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::time::Instant;
 
+use cutinterp::{LevelMetric, Levels, PlacementParams, Visibility, WeightParams};
 use lightcut::{LightcutParams, Representatives};
 use lighttree::{LightSampler, PowerSampler, TreeSampler, UniformSampler};
 use scene::{
@@ -12,7 +13,10 @@ use scene::{
 use stochastic::EnergySpread;
 
 use crate::failure::Failure;
-use crate::methods::{CutMethod, LightcutMethod, Method, SharedCutMethod, SplitMethod, representatives};
+use crate::methods::{
+    CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, SharedCutMethod, Show, SplitMethod,
+    representatives,
+};
 use crate::settings::Settings;
 use crate::trees::{self, Tree};
 
@@ -74,6 +78,7 @@ enum Tool {
     Power(PowerSampler),
     Representatives(Representatives),
     Spread(EnergySpread),
+    CutInterp(Representatives, Levels),
 }
 
 impl Prepared<'_> {
@@ -82,6 +87,7 @@ impl Prepared<'_> {
         let beside = match &self.tool {
             Tool::Representatives(representatives) => representatives.bytes(),
             Tool::Spread(spread) => spread.bytes(),
+            Tool::CutInterp(representatives, levels) => representatives.bytes() + levels.bytes(),
             Tool::Nothing | Tool::Uniform(_) | Tool::Power(_) => 0,
         };
         self.tree.as_ref().map_or(0, Tree::bytes) + beside
@@ -121,6 +127,15 @@ impl<'a> Stage<'a> {
                 Tool::Representatives(chosen)
             }
             (Method::Split, Some(tree)) => Tool::Spread(EnergySpread::of(tree)),
+            (Method::CutInterp | Method::CutInterpVis, Some(tree)) => {
+                let chosen = representatives(tree, &lights, plan.seed).map_err(|error| refuse(&error))?;
+                let metric = match plan.settings.text("metric") {
+                    "width" => LevelMetric::Log2Width,
+                    "intensity" => LevelMetric::LogIntensity,
+                    _ => LevelMetric::Depth,
+                };
+                Tool::CutInterp(chosen, Levels::measure(tree, metric))
+            }
             _ => Tool::Nothing,
         };
         Ok(Prepared { lights, tree, tool, vpls, seconds: start.elapsed().as_secs_f64() })
@@ -159,6 +174,12 @@ impl<'a> Stage<'a> {
                 let size = (params.width, params.height);
                 shot.direct(&Drawn(SharedCutMethod::new(tree, &plan.settings, &frame, self.camera, size)?))
             }
+            (Tool::CutInterp(representatives, levels), Some(tree)) => {
+                let lightcut =
+                    LightcutMethod { tree, representatives, params: lightcut_params(&plan.settings) };
+                shot.interpolated(lightcut, levels)
+            }
+            (_, Some(tree)) if plan.method == Method::Tree => shot.sampled(TreeSampler::new(tree)),
             _ if plan.method == Method::Path => shot.direct(&NoDirect),
             _ => shot.direct(&BruteForce),
         }
@@ -200,6 +221,21 @@ impl<P: Progress> Shot<'_, P> {
         }
     }
 
+    /// Places records before the picture is taken.
+    fn interpolated(&self, lightcut: LightcutMethod<'_>, levels: &Levels) -> Result<Rendered, Failure> {
+        if self.params.width == 0 || self.params.height == 0 || self.params.spp == 0 {
+            return Err(Failure::usage(scene::RenderError::Size.to_string()));
+        }
+        let frame = self.stage.frame(self.plan, &self.prepared.lights);
+        let dials = cutinterp_params(&self.plan.settings)?;
+        let method =
+            CutInterpMethod::prepare(&frame, self.stage.camera, self.params, lightcut, levels, dials);
+        let mut rendered = self.direct(&method)?;
+        rendered.counts.add(method.counts());
+        eprintln!("{} records of {} bytes in all; {}", method.records(), method.bytes(), method.stages);
+        Ok(rendered)
+    }
+
     fn take(
         &self,
         direct: &impl DirectLighting<SceneRays>,
@@ -231,4 +267,24 @@ fn lightcut_params(settings: &Settings) -> LightcutParams {
         shadow_floor: number("shadow_floor"),
         ..LightcutParams::paper()
     }
+}
+
+/// The dials of cut interpolation; their ranges were checked when they were read, but not together.
+fn cutinterp_params(settings: &Settings) -> Result<CutInterpParams, Failure> {
+    let number = |key| settings.number(key).unwrap_or_default();
+    let visibility = match settings.text("visibility") {
+        "full" => Visibility::Full,
+        "adaptive" => Visibility::Adaptive { share: number("ray_share") },
+        _ => Visibility::Interpolated,
+    };
+    let weights = WeightParams { r_min: number("r_min"), r_max: number("r_max"), ..WeightParams::paper() };
+    let placement = PlacementParams { weights, coverage: number("coverage"), ..PlacementParams::paper() };
+    placement.check().map_err(|why| Failure::usage(format!("--set r_min, r_max, coverage: {why}")))?;
+    Ok(CutInterpParams {
+        visibility,
+        placement,
+        finer_beyond: number("finer_beyond"),
+        spread: number("spread"),
+        show: Show::named(settings.text("show")),
+    })
 }

@@ -9,7 +9,7 @@ use scene::{Counts, DirectLighting, Frame, Geometry, Light, Purpose, ShadingPoin
 use crate::trees::Tree;
 
 /// Blockers that are remembered: enough for the lights that a square of pixels shares, and small enough for the first cache.
-const REMEMBERED: usize = 2048;
+pub(super) const REMEMBERED: usize = 2048;
 
 /// Chooses the lights that speak for the clusters of `tree`, which was built over `lights`.
 ///
@@ -36,10 +36,10 @@ pub(crate) struct LightcutMethod<'a> {
 /// Reused from call to call.
 #[derive(Default)]
 pub(crate) struct LightcutScratch {
-    cut: lightcut::Scratch,
+    pub(super) cut: lightcut::Scratch,
     /// What last blocked a light, by its id modulo the length. It only says what to ask first, so a collision costs time
     /// and never changes an answer.
-    blockers: Vec<u32>,
+    pub(super) blockers: Vec<u32>,
 }
 
 impl<Q: Geometry> DirectLighting<Q> for LightcutMethod<'_> {
@@ -70,7 +70,7 @@ impl<Q: Geometry> DirectLighting<Q> for LightcutMethod<'_> {
 }
 
 /// What light `id` does to `point`, per unit of its intensity, and whether it is seen.
-fn transfer<Q: Geometry>(
+pub(super) fn transfer<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
     id: LightId,
@@ -99,7 +99,7 @@ fn transfer<Q: Geometry>(
 }
 
 /// Intensity of a point on a light in units of the light's mean: 1 but where a texture makes it uneven.
-fn relative(intensity: Vec3, light: &Light) -> Vec3 {
+pub(super) fn relative(intensity: Vec3, light: &Light) -> Vec3 {
     if light.is_point() {
         return Vec3::ONE;
     }

@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
-use lightcut::{Lightcut, LightcutParams, Representatives, Scratch, Transfer};
+use lightcut::{Choice, Lightcut, LightcutParams, Representatives, Scratch, Transfer};
 use lighttree::{BuildParams, GeometricBound, LambertReceiver, LightBounds, LightId, LightTree, rng::Random};
 
 const RECEIVERS: u32 = 256;
@@ -51,10 +51,13 @@ fn cut(c: &mut Criterion) {
         let bounds: Vec<_> =
             vpls.iter().map(|v| LightBounds::surface(v.at, v.at, v.normal, false, 1.0)).collect();
         let tree = LightTree::build(&bounds, &BuildParams::default()).expect("finite lights");
-        let representatives = Representatives::choose(&tree, 1, |_| Vec3::ONE).expect("finite lights");
-        for threshold in [0.05, 0.02, 0.01] {
+        let choose = |choice| Representatives::choose(&tree, choice, |_| Vec3::ONE).expect("finite lights");
+        let (random, central) = (choose(Choice::Random { seed: 1 }), choose(Choice::Central));
+        let rows = [("random", &random, 0.05), ("random", &random, 0.02), ("random", &random, 0.01)];
+        let rows = rows.into_iter().chain([("central", &central, 0.05), ("central", &central, 0.02)]);
+        for (choice, representatives, threshold) in rows {
             let params = LightcutParams::with_threshold(threshold);
-            let lightcut = Lightcut { tree: &tree, representatives: &representatives, params };
+            let lightcut = Lightcut { tree: &tree, representatives, params };
             let mut scratch = Scratch::default();
             let mut shade = |r: &LambertReceiver| {
                 lightcut.shade(
@@ -64,24 +67,26 @@ fn cut(c: &mut Criterion) {
                     &mut scratch,
                 )
             };
-            let (mut nodes, mut squared) = (0, 0.0);
+            let (mut nodes, mut transfers, mut squared) = (0, 0, 0.0);
             for r in &receivers {
                 let lit = shade(r);
                 nodes += lit.nodes;
+                transfers += lit.transfers;
                 if count == 10_000 {
                     let exact: f64 = vpls.iter().map(|v| f64::from(transfer(r, v).unoccluded.x)).sum();
                     squared += (f64::from(lit.radiance.x) / exact - 1.0).powi(2);
                 }
             }
             eprint!(
-                "{count} lights at {threshold}: {:.0} nodes per cut",
-                f64::from(nodes) / f64::from(RECEIVERS)
+                "{count} lights at {threshold}, {choice}: {:.0} nodes per cut, {:.0} transfers",
+                f64::from(nodes) / f64::from(RECEIVERS),
+                f64::from(transfers) / f64::from(RECEIVERS)
             );
             if count == 10_000 {
                 eprint!(", {:.3} % relative error", 100.0 * (squared / f64::from(RECEIVERS)).sqrt());
             }
             eprintln!();
-            group.bench_function(BenchmarkId::new(format!("{threshold}"), count), |b| {
+            group.bench_function(BenchmarkId::new(format!("{choice} {threshold}"), count), |b| {
                 b.iter(|| {
                     for r in &receivers {
                         black_box(shade(r));

@@ -2,7 +2,7 @@
 //! workspace it uses `lighttree` and `lightcut`, nothing else. Writes a PPM if the first argument names one.
 
 use glam::Vec3;
-use lightcut::{Lightcut, LightcutParams, Lit, Representatives, Transfer};
+use lightcut::{Choice, Lightcut, LightcutParams, Lit, Representatives, Transfer};
 use lighttree::{BuildParams, Emitter, GeometricBound, LightBounds, LightId, LightTree, Receiver, Toward};
 
 pub(crate) const SIZE: usize = 96;
@@ -50,7 +50,8 @@ pub(crate) fn transfer(hit: &Hit, lamp: &Lamp) -> Transfer {
 pub(crate) fn render(lamps: &[Lamp], threshold: f32) -> Vec<Option<(Hit, Lit)>> {
     let tree = LightTree::build(lamps, &BuildParams::default()).expect("lamps are finite");
     let representatives =
-        Representatives::choose(&tree, 1, |l| lamps[l.0 as usize].1).expect("and not negative");
+        Representatives::choose(&tree, Choice::Random { seed: 1 }, |l| lamps[l.0 as usize].1)
+            .expect("and not negative");
     let params = LightcutParams::with_threshold(threshold);
     let (lightcut, mut scratch) =
         (Lightcut { tree, representatives: &representatives, params }, Default::default());

@@ -19,14 +19,14 @@
 //!
 //! ```
 //! use glam::Vec3;
-//! use lightcut::{Lightcut, LightcutParams, Representatives, Scratch, Transfer};
+//! use lightcut::{Choice, Lightcut, LightcutParams, Representatives, Scratch, Transfer};
 //! use lighttree::{BuildParams, GeometricBound, LambertReceiver, LightBounds, LightTree};
 //!
 //! // 10,000 lamps on a ceiling, seen from a grey floor.
 //! let at = |i: u32| Vec3::new((i % 100) as f32, 3.0, (i / 100) as f32);
 //! let lamps: Vec<_> = (0..10_000).map(|i| LightBounds::point(at(i), 2.0)).collect();
 //! let tree = LightTree::build(&lamps, &BuildParams::default())?;
-//! let representatives = Representatives::choose(&tree, 1, |_| Vec3::splat(2.0))?;
+//! let representatives = Representatives::choose(&tree, Choice::Random { seed: 1 }, |_| Vec3::splat(2.0))?;
 //! let lightcut = Lightcut { tree: &tree, representatives: &representatives, params: LightcutParams::default() };
 //!
 //! let floor = LambertReceiver { position: Vec3::new(50.0, 0.0, 50.0), normal: Vec3::Y, albedo: 0.5 };
@@ -51,5 +51,5 @@ mod shade;
 
 pub use params::LightcutParams;
 pub use policy::Estimate;
-pub use representatives::{BadIntensity, Representatives};
+pub use representatives::{BadIntensity, Choice, Representatives};
 pub use shade::{Lightcut, Lit, Scratch, Transfer};

@@ -20,8 +20,8 @@ pub struct Estimate {
     pub(crate) transfer: Transfer,
     /// Whose transfer it is.
     pub(crate) light: LightId,
-    /// Luminance of what the clamp took away, shadows included.
-    pub(crate) clamped: f32,
+    /// What clamps took away of what would have arrived, in the unit of `radiance`.
+    pub(crate) clamped: Vec3,
 }
 
 impl Estimate {
@@ -67,34 +67,34 @@ where
     B: NodeBound<R>,
     F: FnMut(LightId) -> Transfer,
 {
-    /// Asks the host for the transfer of one light; returns it clamped, with the factor that was taken.
-    fn ask(&mut self, light: LightId) -> (Transfer, f32) {
+    /// Asks the host for the transfer of one light, and clamps it.
+    fn ask(&mut self, light: LightId) -> Transfer {
         self.totals.transfers += 1;
-        let mut transfer = (self.transfer)(light);
-        let largest = transfer.unoccluded.max_element();
+        let Transfer { unoccluded, arrived, lost } = (self.transfer)(light);
+        let largest = unoccluded.max_element();
         if largest <= self.params.clamp || largest.is_nan() {
-            return (transfer, 1.0);
+            return Transfer { unoccluded, arrived, lost };
         }
         let kept = self.params.clamp / largest;
-        transfer.unoccluded *= kept;
-        (transfer, kept)
+        Transfer {
+            unoccluded: unoccluded * kept,
+            arrived: arrived * kept,
+            lost: lost + arrived * (1.0 - kept),
+        }
     }
 
     /// The estimate of one light (or cluster) of this intensity.
     fn estimate(&mut self, intensity: Vec3, light: LightId, parent: Option<&Estimate>) -> Estimate {
-        let (transfer, kept) = match parent {
-            Some(p) if p.light == light => (p.transfer, p.transfer.kept),
+        let transfer = match parent {
+            Some(p) if p.light == light => p.transfer,
             _ => self.ask(light),
         };
-        let unoccluded = transfer.unoccluded * intensity;
-        let radiance = unoccluded * transfer.visibility;
-        let lit = luminance(radiance) as f32;
         Estimate {
-            radiance,
-            unoccluded: luminance(unoccluded) as f32,
-            transfer: Transfer { kept, ..transfer },
+            radiance: transfer.arrived * intensity,
+            unoccluded: luminance(transfer.unoccluded * intensity) as f32,
+            transfer,
             light,
-            clamped: if kept < 1.0 { lit / kept - lit } else { 0.0 },
+            clamped: transfer.lost * intensity,
         }
     }
 

@@ -14,18 +14,21 @@ pub struct Transfer {
     /// RGB radiance towards the viewer without shadows: scattering × cosine × emission profile ÷ squared distance, in sr⁻¹
     /// times the inverse square of the scene's length unit. Not negative.
     pub unoccluded: Vec3,
-    /// The share that arrives, in [0, 1]: 0 or 1 for a shadow ray. Need not be asked for where `unoccluded` is zero.
-    pub visibility: f32,
-    pub(crate) kept: f32,
+    /// The part of it that arrives, shadows included, in the same unit: all or nothing for one shadow ray. Need not be asked for where
+    /// `unoccluded` is zero.
+    pub arrived: Vec3,
+    /// What a clamp of the host's own took away before, of light that would have arrived; in the same unit. In neither of
+    /// the others. It is only added up, in [`Lit::clamped`].
+    pub lost: Vec3,
 }
 
 impl Transfer {
     /// A light that gives nothing to this receiver.
-    pub const NONE: Self = Self::new(Vec3::ZERO, 0.0);
+    pub const NONE: Self = Self { unoccluded: Vec3::ZERO, arrived: Vec3::ZERO, lost: Vec3::ZERO };
 
-    /// The transfer of a light that is seen to the share `visibility`.
-    pub const fn new(unoccluded: Vec3, visibility: f32) -> Self {
-        Self { unoccluded, visibility, kept: 1.0 }
+    /// The transfer of a light of which the share `visibility`, in [0, 1], is seen.
+    pub fn new(unoccluded: Vec3, visibility: f32) -> Self {
+        Self { unoccluded, arrived: unoccluded * visibility, lost: Vec3::ZERO }
     }
 }
 
@@ -34,8 +37,9 @@ impl Transfer {
 pub struct Lit {
     /// RGB radiance towards the viewer, W·m⁻²·sr⁻¹.
     pub radiance: Vec3,
-    /// Luminance of the light that the clamp took away, W·m⁻²·sr⁻¹; 0 without a clamp.
-    pub clamped: f32,
+    /// RGB radiance that clamps took away, [`LightcutParams::clamp`] and the host's own ([`Transfer::lost`]), W·m⁻²·sr⁻¹. The same cut without
+    /// a clamp would have found `radiance + clamped`.
+    pub clamped: Vec3,
     /// Bound of the error of the worst node that was left, as luminance, W·m⁻²·sr⁻¹. 0: every node is exact.
     pub worst_error: f32,
     /// Nodes in the cut.
@@ -77,16 +81,16 @@ impl<T: LightHierarchy> Lightcut<'_, T> {
         scratch: &mut Scratch,
     ) -> Lit {
         let (totals, tolerance) = self.refine(receiver, bound, transfer, &mut scratch.0);
-        let (mut radiance, mut clamped, mut worst) = (DVec3::ZERO, 0.0, 0.0f64);
+        let (mut radiance, mut clamped, mut worst) = (DVec3::ZERO, DVec3::ZERO, 0.0f64);
         for (_, estimate, error) in scratch.0.unordered() {
             radiance += estimate.radiance.as_dvec3();
-            clamped += f64::from(estimate.clamped);
+            clamped += estimate.clamped.as_dvec3();
             worst = worst.max(error);
         }
         let scale = f64::from(self.representatives.scale());
         Lit {
             radiance: (radiance * scale).as_vec3(),
-            clamped: (clamped * scale) as f32,
+            clamped: (clamped * scale).as_vec3(),
             worst_error: (worst * scale) as f32,
             nodes: scratch.0.unordered().len() as u32,
             visited: totals.entered,

@@ -17,7 +17,7 @@ fn the_foreign_renderer_is_right_and_sublinear() {
     for (hit, lit) in lit.iter().step_by(50) {
         let one = |lamp| {
             let t = transfer(hit, lamp);
-            t.unoccluded * t.visibility * lamp.1
+            t.arrived * lamp.1
         };
         let exact: Vec3 = lamps.iter().map(one).sum();
         error += f64::from((lit.radiance - exact).length_squared());

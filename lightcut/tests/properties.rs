@@ -1,10 +1,10 @@
 //! What must hold of any lightcut.
 
 use glam::Vec3;
-use lightcut::{Lightcut, LightcutParams, Lit, Representatives, Scratch, Transfer};
+use lightcut::{Choice, Lightcut, LightcutParams, Lit, Representatives, Scratch, Transfer};
 use lighttree::{
-    BuildParams, Cut, GeometricBound, Hierarchy, LambertReceiver, LightBounds, LightHierarchy, LightId,
-    LightTree, MortonBits, PerfectTree, rng::Random,
+    BuildParams, Cut, GeometricBound, Hierarchy, ItemRanges, LambertReceiver, LightBounds, LightHierarchy,
+    LightId, LightTree, MortonBits, PerfectTree, rng::Random,
 };
 use proptest::prelude::*;
 
@@ -62,7 +62,8 @@ impl Lamps {
         receiver: &LambertReceiver,
         visibility: impl Fn(LightId) -> f32,
     ) -> Lit {
-        let representatives = Representatives::choose(tree, 7, |l| self.0[l.0 as usize].1).unwrap();
+        let representatives =
+            Representatives::choose(tree, Choice::Random { seed: 7 }, |l| self.0[l.0 as usize].1).unwrap();
         let lightcut = Lightcut { tree, representatives: &representatives, params };
         let transfer = |l| self.transfer(receiver, l, visibility(l));
         let lit = lightcut.shade(receiver, &GeometricBound, transfer, &mut Scratch::default());
@@ -200,11 +201,40 @@ fn what_the_clamp_takes_is_counted() {
     let free = lamps.shade(exact_cut, &BuildParams::default(), &receiver, |_| 1.0);
     let clamped =
         lamps.shade(LightcutParams { clamp: 0.5, ..exact_cut }, &BuildParams::default(), &receiver, |_| 1.0);
-    let luminance = |c: Vec3| c.dot(Vec3::new(0.2126, 0.7152, 0.0722));
-    assert_eq!(free.clamped, 0.0);
-    assert!(clamped.clamped > 0.0);
-    let before = luminance(free.radiance);
-    assert!((luminance(clamped.radiance) + clamped.clamped - before).abs() < 1e-5 * before);
+    assert_eq!(free.clamped, Vec3::ZERO);
+    assert!(clamped.clamped.min_element() > 0.0);
+    assert!(close(clamped.radiance + clamped.clamped, free.radiance, 1e-5));
+}
+
+/// A clamp of the host's own, at any threshold: the cut is another, but what one and the same cut shows and lost is what it would have found.
+#[test]
+fn what_the_host_clamps_is_counted() {
+    let lamps = Lamps::random(200, 1.0, 8);
+    let receiver = floor_at(Vec3::new(0.5, 0.0, 0.5));
+    let tree = LightTree::build(&lamps.bounds(), &BuildParams::default()).unwrap();
+    let representatives =
+        Representatives::choose(&tree, Choice::Random { seed: 7 }, |l| lamps.0[l.0 as usize].1).unwrap();
+    let half_seen = |l: LightId| 0.5 + 0.5 * (l.0 % 2) as f32;
+    for (threshold, clamp) in [(0.0, f32::INFINITY), (0.02, f32::INFINITY), (0.02, 0.1), (0.0, 0.0)] {
+        let params = LightcutParams { clamp, ..LightcutParams::with_threshold(threshold) };
+        let lightcut = Lightcut { tree: &tree, representatives: &representatives, params };
+        let clamping = |l| {
+            let full = lamps.transfer(&receiver, l, half_seen(l));
+            let share = (0.3 / full.unoccluded.max_element()).min(1.0);
+            let lost = full.arrived * (1.0 - share);
+            Transfer { unoccluded: full.unoccluded * share, arrived: full.arrived * share, lost }
+        };
+        let lit = lightcut.shade(&receiver, &GeometricBound, clamping, &mut Scratch::default());
+        assert!(lit.clamped.min_element() > 0.0);
+        let mut cut = Cut::default();
+        lightcut.cut(&receiver, &GeometricBound, clamping, &mut Scratch::default(), &mut cut);
+        let full = cut.nodes().iter().map(|&node| {
+            let light = representatives.light(&tree, node);
+            lamps.transfer(&receiver, light, half_seen(light)).arrived
+                * representatives.intensity(&tree, node)
+        });
+        assert!(close(lit.radiance + lit.clamped, full.sum(), 1e-5), "{threshold}, {clamp}: {lit:?}");
+    }
 }
 
 #[test]
@@ -228,7 +258,10 @@ fn bad_intensities_are_named() {
     let tree = LightTree::build(&lamps.bounds(), &BuildParams::default()).unwrap();
     for bad in [f32::NAN, f32::INFINITY, -1.0] {
         let intensity = |l: LightId| if l.0 == 6 { Vec3::new(1.0, bad, 1.0) } else { Vec3::ONE };
-        assert_eq!(Representatives::choose(&tree, 0, intensity).unwrap_err().light, LightId(6));
+        assert_eq!(
+            Representatives::choose(&tree, Choice::Random { seed: 0 }, intensity).unwrap_err().light,
+            LightId(6)
+        );
     }
     assert!(LightcutParams { threshold: f32::NAN, ..LightcutParams::paper() }.check().is_err());
     assert!(LightcutParams::paper().check().is_ok());
@@ -245,7 +278,7 @@ fn representatives_are_chosen_by_intensity() {
     let mut seen = [0u32; 8];
     let trials = 20_000;
     for seed in 0..trials {
-        let r = Representatives::choose(&tree, seed, |l| lamps.0[l.0 as usize].1).unwrap();
+        let r = Representatives::choose(&tree, Choice::Random { seed }, |l| lamps.0[l.0 as usize].1).unwrap();
         seen[r.light(&tree, root).0 as usize] += 1;
         assert_eq!(r.intensity(&tree, root), Vec3::splat(36.0));
     }
@@ -255,11 +288,76 @@ fn representatives_are_chosen_by_intensity() {
     assert!(chi2 < 29.9, "{seen:?}");
 }
 
+/// Every node's representative is a light below it, and a leaf's its own; of equal lights in a row the middle one speaks for all.
+#[test]
+fn central_representatives_are_central() {
+    let row: Vec<_> = (0..101).map(|i| LightBounds::point(Vec3::X * i as f32, 1.0)).collect();
+    for build in presets() {
+        let tree = LightTree::build(&row, &build).unwrap();
+        let central = Representatives::choose(&tree, Choice::Central, |_| Vec3::ONE).unwrap();
+        let random = Representatives::choose(&tree, Choice::Random { seed: 3 }, |_| Vec3::ONE).unwrap();
+        let mut stack = vec![tree.root().unwrap()];
+        let (mut near, mut far) = (0.0, 0.0);
+        while let Some(node) = stack.pop() {
+            let below: Vec<f32> = tree.items(node).map(|slot| tree.light_at(slot).0 as f32).collect();
+            let mean = below.iter().sum::<f32>() / below.len() as f32;
+            let (light, other) = (central.light(&tree, node).0 as f32, random.light(&tree, node).0 as f32);
+            assert!(below.contains(&light), "{light} is not below its node");
+            if !tree.is_leaf(node) {
+                near += (light - mean).abs();
+                far += (other - mean).abs();
+                // Lights of one leaf are in one place as far as a tree knows.
+                assert!(
+                    (light - mean).abs() <= if build.max_leaf > 1 { 4.0 } else { 0.5 },
+                    "{light} of {below:?}"
+                );
+            }
+            assert_eq!(central.intensity(&tree, node), random.intensity(&tree, node));
+            stack.extend(tree.children(node).map(lighttree::NodeId));
+        }
+        assert!(near < 0.5 * far, "{near} and {far} from the means");
+    }
+}
+
+/// Lights in one place that face two ways: the one that faces as most do speaks for them.
+#[test]
+fn central_representatives_face_as_most_do() {
+    let facing = |normal| LightBounds::surface(Vec3::ONE, Vec3::ONE, normal, false, 1.0);
+    let lights: Vec<_> = (0..9).map(|i| facing(if i == 4 { Vec3::X } else { Vec3::Y })).collect();
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let central = Representatives::choose(&tree, Choice::Central, |_| Vec3::ONE).unwrap();
+    assert_ne!(central.light(&tree, tree.root().unwrap()), LightId(4));
+}
+
+/// What it is for: the same cut's error, over receivers far and near, falls.
+#[test]
+fn central_representatives_err_less() {
+    let lamps = Lamps::random(3000, 10.0, 12);
+    let tree = LightTree::build(&lamps.bounds(), &BuildParams::default()).unwrap();
+    let error = |choice| {
+        let representatives = Representatives::choose(&tree, choice, |l| lamps.0[l.0 as usize].1).unwrap();
+        let params = LightcutParams::with_threshold(0.05);
+        let lightcut = Lightcut { tree: &tree, representatives: &representatives, params };
+        let squared = |i: i32| {
+            let receiver = floor_at(Vec3::new((i % 8) as f32 * 1.3, -1.0, (i / 8) as f32 * 1.3));
+            let transfer = |l| lamps.transfer(&receiver, l, 1.0);
+            let lit = lightcut.shade(&receiver, &GeometricBound, transfer, &mut Scratch::default());
+            let exact = lamps.exact(&receiver, |_| 1.0);
+            ((lit.radiance - exact).length() / exact.length()).powi(2)
+        };
+        (0..64).map(squared).sum::<f32>() / 64.0
+    };
+    let random = (0..4).map(|seed| error(Choice::Random { seed })).sum::<f32>() / 4.0;
+    let central = error(Choice::Central);
+    assert!(central < 0.5 * random, "{central} central, {random} random");
+}
+
 #[test]
 fn batches_have_the_same_bits_for_any_thread_count() {
     let lamps = Lamps::random(2000, 10.0, 5);
     let tree = LightTree::build(&lamps.bounds(), &BuildParams::default()).unwrap();
-    let representatives = Representatives::choose(&tree, 7, |l| lamps.0[l.0 as usize].1).unwrap();
+    let representatives =
+        Representatives::choose(&tree, Choice::Random { seed: 7 }, |l| lamps.0[l.0 as usize].1).unwrap();
     let lightcut =
         Lightcut { tree: &tree, representatives: &representatives, params: LightcutParams::paper() };
     let receivers: Vec<_> = (0..200).map(|i| floor_at(Vec3::new(i as f32 * 0.05, -1.0, 5.0))).collect();
@@ -292,6 +390,33 @@ proptest! {
         prop_assert!(close(there.radiance, here.radiance, 1e-4));
     }
 
+    /// A scene times s, or elsewhere, has the same central lights; dark and coincident lights do no harm.
+    #[test]
+    fn central_lights_do_not_depend_on_the_unit_of_length(
+        exponent in -30i32..30, seed in 0u32..1000, count in 0u32..600, flat in any::<bool>(), dark in any::<bool>(),
+    ) {
+        let mut lamps = Lamps::random(count, if flat { 0.0 } else { 4.0 }, seed);
+        if dark {
+            lamps.0.iter_mut().step_by(2).for_each(|lamp| lamp.1 = Vec3::ZERO);
+        }
+        let scale = 2f32.powi(exponent);
+        let scaled = Lamps(lamps.0.iter().map(|&(at, rgb)| (at * scale, rgb)).collect());
+        let lights = |lamps: &Lamps| {
+            let tree = LightTree::build(&lamps.bounds(), &BuildParams::median()).unwrap();
+            let central = Representatives::choose(&tree, Choice::Central, |l| lamps.0[l.0 as usize].1).unwrap();
+            let mut stack: Vec<_> = tree.root().into_iter().collect();
+            let mut lights = Vec::new();
+            while let Some(node) = stack.pop() {
+                lights.push(central.light(&tree, node));
+                stack.extend(tree.children(node).map(lighttree::NodeId));
+            }
+            lights
+        };
+        let here = lights(&lamps);
+        prop_assert!(!here.contains(&LightId::NONE));
+        prop_assert_eq!(here, lights(&scaled));
+    }
+
     /// Nothing a host may pass makes a cut that is none, or panics.
     #[test]
     fn any_parameters_give_a_valid_cut(
@@ -309,7 +434,7 @@ proptest! {
         prop_assert!(params.check().is_ok());
         let receiver = floor_at(at);
         let tree = LightTree::build(&lamps.bounds(), &BuildParams::default()).unwrap();
-        let representatives = Representatives::choose(&tree, 7, |l| lamps.0[l.0 as usize].1).unwrap();
+        let representatives = Representatives::choose(&tree, Choice::Random { seed: 7 }, |l| lamps.0[l.0 as usize].1).unwrap();
         let lightcut = Lightcut { tree: &tree, representatives: &representatives, params };
         // A host that meets a light at distance zero gives it nothing.
         let transfer = |l: LightId| if lamps.0[l.0 as usize].0 == at { Transfer::NONE } else { lamps.transfer(&receiver, l, visible) };

@@ -47,6 +47,7 @@ mod refit;
 pub mod rng;
 mod sampler;
 mod select;
+mod spherical_triangle;
 #[cfg(feature = "proptest")]
 pub mod strategies;
 mod toward;
@@ -72,6 +73,7 @@ pub use receiver::{GgxReceiver, LambertReceiver, PhongReceiver, Receiver, Scatte
 pub use refit::RefitError;
 pub use sampler::{BatchLightSampler, LightSample, LightSampler, PerReceiver, SampleRequest, WeightedLight};
 pub use select::{CutPolicy, CutSelector, select_cut};
+pub use spherical_triangle::SphericalTriangle;
 pub use toward::Toward;
 pub use tree::LightTree;
 pub use walk::{ChildChoice, TreeSampler};

@@ -4,18 +4,19 @@
 //! square: such a bundle is several times faster to trace than single rays.
 
 use glam::{DVec3, Vec3};
-use lighttree::rng::{pcg4d, unit_f32};
+use lighttree::LightId;
 
 use crate::film::luminance;
-use crate::light::LightPoint;
+use crate::light::{Light, LightPoint};
 use crate::render::{Counts, DirectLighting, Frame};
-use crate::shading::{Geometry, Purpose, ShadingPoint};
+use crate::shading::{Geometry, ShadingPoint};
 
 /// Every light at every point.
 ///
-/// A light with an area is sampled at one point per camera sample. Where there are few of them (at most
-/// [`BruteForce::OWN_POINTS`]) each shading point draws its own; where there are many, all points of a square share it, which leaves every
-/// pixel unbiased, and neighbours' errors alike.
+/// Points on a light with an area are drawn for each camera sample. Where there are few such lights (at most
+/// [`BruteForce::OWN_POINTS`]), and where the light is [near](Light::NEAR), each shading point draws its own, as many as
+/// [`LightView::points`](crate::LightView::points) says; otherwise all points of a square share one, which leaves every pixel unbiased, and
+/// neighbours' errors alike.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BruteForce;
 
@@ -46,52 +47,62 @@ impl<Q: Geometry> DirectLighting<Q> for BruteForce {
         counts: &mut Counts,
     ) {
         let Some(first) = points.first() else { return };
-        let own_points = frame.area_lights <= Self::OWN_POINTS;
-        let seed = frame.light_seed ^ Purpose::Lights.salt();
-        for (index, light) in frame.lights.iter().enumerate() {
-            if own_points && !light.is_point() {
-                for (point, radiance) in points.iter().zip(radiance.iter_mut()) {
-                    let at = light.point(frame.scene, numbers(seed, point, index));
-                    single(frame, point, &at, rays, radiance, counts);
-                }
-            } else {
-                let at = light.point(frame.scene, numbers(seed, first, index));
-                bundle(frame, points, &at, scratch, rays, radiance, counts);
+        let few = frame.area_lights <= Self::OWN_POINTS;
+        let size = points.iter().map(|p| p.position.as_dvec3().distance(first.position.as_dvec3()));
+        let size = size.fold(0.0, f64::max);
+        for (light, id) in frame.lights.iter().zip((0..).map(LightId)) {
+            let place = first.place_on_light(frame.light_seed, id, 0, 1);
+            if light.is_point() || !(few || light.is_near(first.position, size)) {
+                let at = light.point_by_area(frame.scene, place);
+                bundle(frame, points, |_| true, &at, scratch, rays, radiance, counts);
+                continue;
+            }
+            let shares = |point: &ShadingPoint| !(few || light.is_near(point.position, 0.0));
+            for (point, radiance) in points.iter().zip(radiance.iter_mut()).filter(|(p, _)| !shares(p)) {
+                single(frame, point, light, id, rays, radiance, counts);
+            }
+            if !few {
+                let at = light.point_by_area(frame.scene, place);
+                bundle(frame, points, shares, &at, scratch, rays, radiance, counts);
             }
         }
     }
 }
 
-/// Where on light `index` the sample of `point` lies.
-fn numbers(seed: u32, point: &ShadingPoint, index: usize) -> [f32; 2] {
-    let [u, v, ..] = pcg4d([seed, point.pixel, point.sample, index as u32]);
-    [unit_f32(u), unit_f32(v)]
-}
-
-/// One light at one point.
+/// One light at one point, by as many points on it as it is worth.
 fn single<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
-    light: &LightPoint,
+    light: &Light,
+    id: LightId,
     rays: &mut Q::Scratch,
     radiance: &mut DVec3,
     counts: &mut Counts,
 ) {
-    counts.light_evaluations += 1;
-    let value = point.contribution(light);
-    if value == Vec3::ZERO {
-        return;
+    let view = light.toward(point.position);
+    let places = view.points();
+    counts.light_evaluations += u64::from(places);
+    let mut sum = DVec3::ZERO;
+    for place in 0..places {
+        let at = view.point(frame.scene, point.place_on_light(frame.light_seed, id, place, places));
+        let value = point.contribution(&at);
+        if value == Vec3::ZERO {
+            continue;
+        }
+        counts.shadow_rays += 1;
+        if !frame.rays.occluded(&point.segment(&at), rays) {
+            sum += value.as_dvec3();
+        }
     }
-    counts.shadow_rays += 1;
-    if !frame.rays.occluded(&point.segment(light), rays) {
-        *radiance += value.as_dvec3();
-    }
+    *radiance += sum / f64::from(places);
 }
 
-/// One light at many points.
+/// One light at those of many points that share a place on it.
+#[expect(clippy::too_many_arguments, reason = "the state of one loop")]
 fn bundle<Q: Geometry>(
     frame: &Frame<'_, Q>,
     points: &[ShadingPoint],
+    shares: impl Fn(&ShadingPoint) -> bool,
     light: &LightPoint,
     scratch: &mut BruteScratch,
     rays: &mut Q::Scratch,
@@ -101,8 +112,8 @@ fn bundle<Q: Geometry>(
     let BruteScratch { lit, targets, occluded } = scratch;
     // Both sides of a two-sided light have their own end of the shadow ray.
     lit.clear();
-    counts.light_evaluations += points.len() as u64;
-    for (index, point) in points.iter().enumerate() {
+    for (index, point) in points.iter().enumerate().filter(|(_, point)| shares(point)) {
+        counts.light_evaluations += 1;
         let (value, lost) = point.clamped_contribution(light, frame.vpl_clamp);
         if value != Vec3::ZERO {
             lit.push((index, value, lost));

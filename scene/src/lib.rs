@@ -31,7 +31,7 @@ pub use camera::Camera;
 pub use film::{Film, luminance};
 pub use image_io::{ImageError, auto_exposure, read_exr, write_exr, write_png};
 pub use import::{ImportError, ImportLimits, ImportOptions, ImportProblem, SceneChoice, load};
-pub use light::{DistantLight, Light, LightPoint, Profile};
+pub use light::{DistantLight, Light, LightPoint, LightView, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
 pub use metrics::{Errors, MetricError, compare};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};

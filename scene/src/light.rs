@@ -1,10 +1,11 @@
 //! Lights: those with a place, which go into a tree, and those without.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use lighttree::{Emitter, LightBounds};
 
-use crate::Scene;
-use crate::rays::error_in_world;
+mod point;
+
+pub use point::{LightPoint, LightView, Profile};
 
 /// A light with a place. RGB, linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,83 +86,7 @@ impl Emitter for Light {
     }
 }
 
-/// A point drawn from a [`Light`], and what it sends out: everything that an unoccluded contribution needs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LightPoint {
-    /// World-space position: where the contribution comes from.
-    pub position: Vec3,
-    /// Peak radiant intensity that the point stands for, W·sr⁻¹; the light's own, or radiance × area for a surface.
-    pub intensity: Vec3,
-    /// How the intensity falls off with direction.
-    pub profile: Profile,
-    /// Distance along the normal that takes a ray's end safely off the light's surface; 0 where there is none.
-    pub offset: f32,
-}
-
-/// How an intensity falls off with direction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Profile {
-    /// Not at all.
-    Uniform,
-    /// As in [`Light::Spot`].
-    Spot {
-        /// Unit direction of the beam.
-        axis: Vec3,
-        /// Cosine of the half angle up to which it is full.
-        cos_inner: f32,
-        /// Cosine of the half angle at which it ends.
-        cos_outer: f32,
-    },
-    /// With the cosine to a surface's normal.
-    Cosine {
-        /// Unit normal.
-        normal: Vec3,
-        /// Emits from both sides.
-        two_sided: bool,
-        /// A virtual point light, whose contribution nearby has no bound: what a clamp is for.
-        virtual_light: bool,
-    },
-}
-
 impl Light {
-    /// The point of the light at `u` in [0, 1)²; any `u` for a light that is a point. Uniform over a triangle's area, and the mean over
-    /// `u` of what its [`LightPoint`]s contribute is what the light contributes. Textured emission is looked up at the point.
-    #[inline]
-    pub fn point(&self, scene: &Scene, u: [f32; 2]) -> LightPoint {
-        match *self {
-            Self::Point { position, intensity } => {
-                LightPoint { position, intensity, profile: Profile::Uniform, offset: 0.0 }
-            }
-            Self::Spot { position, axis, intensity, cos_inner, cos_outer } => LightPoint {
-                position,
-                intensity,
-                profile: Profile::Spot { axis, cos_inner, cos_outer },
-                offset: 0.0,
-            },
-            Self::Vpl { position, normal, intensity } => LightPoint {
-                position,
-                intensity,
-                profile: Profile::Cosine { normal, two_sided: false, virtual_light: true },
-                offset: 0.0,
-            },
-            Self::Triangle { vertices, radiance, two_sided, instance, triangle } => {
-                let [a, b, c] = vertices;
-                let cross = (b - a).as_dvec3().cross((c - a).as_dvec3());
-                let double_area = cross.length();
-                let normal = if double_area > 0.0 { (cross / double_area).as_vec3() } else { Vec3::Z };
-                let weights = uniform_barycentric(u);
-                let (position, radiance) = textured_emission(scene, instance, triangle, weights)
-                    .unwrap_or_else(|| (weights[0] * a + weights[1] * b + weights[2] * c, radiance));
-                LightPoint {
-                    position,
-                    intensity: radiance * (0.5 * double_area) as f32,
-                    profile: Profile::Cosine { normal, two_sided, virtual_light: false },
-                    offset: error_in_world(&vertices, double_area),
-                }
-            }
-        }
-    }
-
     /// Whether nothing of the light can reach the upper side of a surface at `receiver` whose unit normal is `normal`: it
     /// is below the horizon, or faces away. Cheaper than a point of the light, and always right; where it is unsure it says no.
     #[inline]
@@ -198,78 +123,4 @@ impl Light {
             Self::Vpl { intensity, .. } => intensity * PI,
         }
     }
-}
-
-impl LightPoint {
-    /// Radiant intensity towards `direction` (unit, away from the light), W·sr⁻¹.
-    #[inline]
-    pub fn intensity_toward(&self, direction: Vec3) -> Vec3 {
-        match self.profile {
-            Profile::Uniform => self.intensity,
-            Profile::Spot { axis, cos_inner, cos_outer } => {
-                self.intensity * spot_falloff(axis.dot(direction), cos_inner, cos_outer)
-            }
-            Profile::Cosine { normal, two_sided, .. } => {
-                let cos = normal.dot(direction);
-                self.intensity * if two_sided { cos.abs() } else { cos.max(0.0) }
-            }
-        }
-    }
-
-    /// Where a shadow ray between the point and `receiver` ends: off the light's surface on the receiver's side.
-    #[inline]
-    pub fn end_toward(&self, receiver: Vec3) -> Vec3 {
-        match self.profile {
-            Profile::Cosine { normal, two_sided, .. } => {
-                let behind = two_sided && normal.dot(receiver - self.position) < 0.0;
-                self.position + if behind { -self.offset } else { self.offset } * normal
-            }
-            _ => self.position,
-        }
-    }
-
-    /// Unit direction from `receiver` to the point and squared distance; `None` where they coincide, so that
-    /// there is no direction. In f64 where squares and differences of f32 would lose digits or range.
-    #[inline]
-    pub fn from(&self, receiver: Vec3) -> Option<(Vec3, f64)> {
-        let to: DVec3 = self.position.as_dvec3() - receiver.as_dvec3();
-        let squared = to.length_squared();
-        (squared > 0.0).then(|| ((to / squared.sqrt()).as_vec3(), squared))
-    }
-}
-
-/// `KHR_lights_punctual`: full inside the inner cone, a squared linear ramp in the cosine, nothing outside. Equal cones are a sharp edge.
-fn spot_falloff(cos: f32, cos_inner: f32, cos_outer: f32) -> f32 {
-    if cos >= cos_inner {
-        1.0
-    } else if cos <= cos_outer {
-        0.0
-    } else {
-        ((cos - cos_outer) / (cos_inner - cos_outer)).powi(2)
-    }
-}
-
-/// Barycentric weights of a uniform point of a triangle.
-fn uniform_barycentric([u, v]: [f32; 2]) -> [f32; 3] {
-    let root = u.sqrt();
-    [1.0 - root, root * (1.0 - v), root * v]
-}
-
-/// Position and radiance at a point of a triangle whose material has an emissive texture. In the mesh's own vertex
-/// order, because a mirrored instance's light has the other.
-fn textured_emission(scene: &Scene, instance: u32, triangle: u32, weights: [f32; 3]) -> Option<(Vec3, Vec3)> {
-    if scene.textures.is_empty() {
-        return None;
-    }
-    let instance = scene.instances.get(instance as usize)?;
-    let mesh = &scene.meshes[instance.mesh as usize];
-    let material = &scene.materials[mesh.material as usize];
-    let slot = material.emissive_texture?;
-    let corners = mesh.triangles.get(triangle as usize)?.map(|i| i as usize);
-    let uvs = if slot.uv_set == 0 { &mesh.uvs } else { &mesh.uvs1 };
-    let mix = |values: [Vec3; 3]| weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2];
-    let position = mix(corners.map(|i| instance.to_world.transform_point3(mesh.positions[i])));
-    let uv = mix(corners.map(|i| uvs.get(i).map_or(Vec3::ZERO, |uv| uv.extend(0.0)))).truncate();
-    let texel = scene.textures[slot.texture as usize].sample(slot.transform.transform_point2(uv));
-    Some((position, material.emissive * texel.truncate()))
 }

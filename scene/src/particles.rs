@@ -311,7 +311,7 @@ fn emit_from<Q>(
     [s, t]: [f32; 2],
     side: f32,
 ) -> (Ray, DVec3) {
-    let from = light.point(frame.scene, at);
+    let from = light.point_by_area(frame.scene, at);
     let flux = light.flux().as_dvec3();
     let ray = |origin, direction| Ray { origin, direction, t_max: f32::INFINITY };
     match from.profile {
@@ -327,6 +327,7 @@ fn emit_from<Q>(
             };
             (ray(from.position, around(axis, cos, t)), flux)
         }
+        Profile::Seen { .. } => unreachable!("drawn by area"),
         Profile::Cosine { normal, two_sided, .. } => {
             let normal = if two_sided && side < 0.5 { -normal } else { normal };
             let sides = if two_sided { 2.0 } else { 1.0 };

@@ -166,7 +166,7 @@ impl<S: LightSampler<ShadingPoint>> PathTracer<S> {
         *random = decisions.into_stream();
         let Some(LightSample { light, pmf }) = sample else { return Vec3::ZERO };
         let light = &frame.lights[light.0 as usize];
-        let at = light.point(frame.scene, [random.f32(), random.f32()]);
+        let at = light.point(frame.scene, [random.f32(), random.f32()], point.position);
         counts.light_evaluations += 1;
         let value = point.contribution(&at);
         if value == Vec3::ZERO {
@@ -178,7 +178,7 @@ impl<S: LightSampler<ShadingPoint>> PathTracer<S> {
         }
         let weight = match at.from(point.position) {
             Some((wi, squared)) if !light.is_point() => {
-                let drawn = pmf * density_per_steradian(light, wi, squared);
+                let drawn = pmf * light.density(point.position, wi, squared);
                 power_heuristic(drawn, f64::from(point.bsdf.pdf(point.normal, point.wo, wi)))
             }
             _ => 1.0,
@@ -190,17 +190,10 @@ impl<S: LightSampler<ShadingPoint>> PathTracer<S> {
     fn hit_weight(&self, from: &ShadingPoint, pdf: f32, wi: Vec3, hit: &Vertex, lights: &[Light]) -> f64 {
         let Some(id) = self.emitters.light(hit.instance, hit.triangle) else { return 1.0 };
         let squared = from.position.as_dvec3().distance_squared(hit.point.position.as_dvec3());
-        let drawn = self.sampler.pmf(from, id) * density_per_steradian(&lights[id.0 as usize], wi, squared);
+        let density = lights[id.0 as usize].density(from.position, wi, squared);
+        let drawn = self.sampler.pmf(from, id) * density;
         power_heuristic(f64::from(pdf), drawn)
     }
-}
-
-/// Density per steradian, at distance² `squared` in direction `wi`, of a uniform point of an emissive triangle; 0 edge-on.
-fn density_per_steradian(light: &Light, wi: Vec3, squared: f64) -> f64 {
-    let Light::Triangle { vertices: [a, b, c], .. } = *light else { return 0.0 };
-    // Half the cross product is area × normal, so this is area × cosine.
-    let projected = 0.5 * (b - a).as_dvec3().cross((c - a).as_dvec3()).dot(wi.as_dvec3()).abs();
-    if projected > 0.0 { squared / projected } else { 0.0 }
 }
 
 /// Weight of a sample drawn with density `own` where another strategy would have drawn it with `other`.

@@ -174,7 +174,7 @@ impl<Q: Geometry, D: DrawLights> DirectLighting<Q> for Drawn<D> {
                     let numbers = random.stream();
                     [numbers.f32(), numbers.f32()]
                 };
-                let at = light.point(frame.scene, at);
+                let at = light.point(frame.scene, at, point.position);
 
                 // Note what it gives if nothing is between.
                 let (value, lost) = point.clamped_contribution(&at, frame.vpl_clamp);

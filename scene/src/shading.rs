@@ -1,7 +1,8 @@
 //! From the camera to the points that have to be lit: hits, specular chains, shading points.
 
 use glam::{Vec2, Vec3, Vec4};
-use lighttree::{Ray, RayHit, RayQueries, Receiver, ScatterLobes, Segment, Toward, rng::Random};
+use lighttree::rng::{Random, pcg4d};
+use lighttree::{LightId, Ray, RayHit, RayQueries, Receiver, ScatterLobes, Segment, Toward};
 
 use crate::bsdf::{Bsdf, Dielectric, Ggx, Phong, Transport};
 use crate::light::{LightPoint, Profile};
@@ -64,6 +65,21 @@ impl ShadingPoint {
     /// Random numbers of this camera sample for `purpose`, which keeps the streams of different stages apart.
     pub const fn random(&self, seed: u32, purpose: Purpose) -> Random {
         Random::new(seed ^ purpose.salt(), self.pixel, self.sample)
+    }
+
+    /// Where on light `id` point `number` of the `count` points lies that this camera sample takes: for
+    /// [`Light::point`](crate::Light::point), which has a use for it where the light has an area.
+    ///
+    /// Over points and samples of a pixel an Owen-scrambled Sobol sequence (Burley 2020), another one for each light, so that
+    /// few points are spread evenly over each light.
+    #[inline]
+    pub fn place_on_light(&self, seed: u32, id: LightId, number: u32, count: u32) -> [f32; 2] {
+        // The sequence ends after 2¹⁶ points; what lies beyond gets another.
+        let at = u64::from(self.sample) * u64::from(count) + u64::from(number);
+        let (index, epoch) = ((at & 0xffff) as u32, (at >> 16) as u32);
+        let seed = pcg4d([seed ^ Purpose::Lights.salt(), self.pixel, id.0, epoch])[0];
+        let [u, v, ..] = sobol_burley::sample_4d(index, 0, seed);
+        [u, v]
     }
 
     /// Where a ray that leaves the surface on the viewer's side starts.

@@ -174,6 +174,36 @@ fn two_levels_answer_like_the_flattened_scene() {
     assert!(differ <= 10, "{differ} of 10,000 differ: more than edges explain");
 }
 
+#[test]
+fn two_levels_answer_together_as_one_by_one() {
+    let scene = scene_of_spheres();
+    let mut two = SceneRays::build_with(&scene, &RaysParams { max_flattened: 10 }).expect("a sound scene");
+    let (mut dice, mut scratch, mut blocked) = (Dice(8), Default::default(), 0);
+    for path in [RayPath::detect(), RayPath::Portable] {
+        two.set_path(path);
+        for count in [0, 1, 5, 64, 65, 150] {
+            for spread in [0.05, 1.0, 8.0] {
+                let origin = dice.vector() * 8.0;
+                let middle = -0.5 * origin;
+                let mut targets: Vec<Vec3> = (0..count).map(|_| middle + dice.vector() * spread).collect();
+                // What no ray is, among them.
+                if count > 9 {
+                    (targets[3], targets[7]) = (origin, Vec3::splat(f32::NAN));
+                }
+                let one_by_one: Vec<bool> = targets
+                    .iter()
+                    .map(|&to| two.occluded(&Segment { from: origin, to }, &mut scratch))
+                    .collect();
+                let mut together = vec![true; count];
+                two.occluded_from(origin, &targets, &mut together, &mut scratch);
+                assert_eq!(together, one_by_one, "{count} within {spread}");
+                blocked += together.iter().filter(|b| **b).count();
+            }
+        }
+    }
+    assert!((100..1500).contains(&blocked), "{blocked} blocked: not a test of both answers");
+}
+
 /// A square in the plane z = 0 with a texture whose left half is a hole.
 fn masked_square(instances: usize) -> Scene {
     let texels = vec![[255, 255, 255, 0], [255, 255, 255, 255]];
@@ -533,7 +563,7 @@ fn only_lights_that_give_nothing_are_turned_away() {
             sample: 0,
             offset: 0.0,
         };
-        let points = (0..40).map(|_| light.point(&scene, [dice.unit(), dice.unit()]));
+        let points = (0..40).map(|_| light.point_by_area(&scene, [dice.unit(), dice.unit()]));
         let any = points.fold(false, |any, at| any | (point.contribution(&at) != Vec3::ZERO));
         if light.is_turned_away(position, normal) {
             assert!(!any, "{vertices:?} from {position} with {normal}");
@@ -565,7 +595,7 @@ fn a_light_does_not_shadow_itself_however_slender() {
         for max_flattened in [8, 0] {
             let rays = SceneRays::build_with(&scene, &RaysParams { max_flattened }).expect("a sound scene");
             for _ in 0..40 {
-                let point = light.point(&scene, [dice.unit(), dice.unit()]);
+                let point = light.point_by_area(&scene, [dice.unit(), dice.unit()]);
                 let receiver = point.position + 3.0 * dice.vector();
                 let mut shadowed = |point: LightPoint| {
                     let segment = Segment { from: receiver, to: point.end_toward(receiver) };

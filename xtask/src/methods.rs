@@ -83,7 +83,15 @@ const LIGHTS: Key = Key {
     trades: "light samples per camera sample: less noise per camera ray, for as many more shadow rays",
 };
 
-const LIGHTCUT_KEYS: [Key; 5] = [
+/// The key that says who speaks for a cluster.
+pub(crate) const REPRESENTATIVES: Key = Key {
+    name: "representatives",
+    default: "random",
+    range: Range::OneOf(&lightcut::CHOICES),
+    trades: "which light speaks for a cluster: random (in proportion to intensity, as in the paper) or central (the one nearest to the mean: less error for the same cut, more rays for it)",
+};
+
+const LIGHTCUT_KEYS: [Key; 6] = [
     Key {
         name: "threshold",
         default: "0.02",
@@ -108,6 +116,7 @@ const LIGHTCUT_KEYS: [Key; 5] = [
         range: Range::Number(0.0, 1.0),
         trades: "as `floor`, as a share of what the point would get without shadows; 0.05 saves much time in full shadow",
     },
+    REPRESENTATIVES,
     // Half of SAOH's error at the same cut on virtual lights (docs/lightcut.md).
     Key { default: "agglomerative", ..trees::BUILDER },
 ];

@@ -14,8 +14,8 @@ use stochastic::EnergySpread;
 
 use crate::failure::Failure;
 use crate::methods::{
-    CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, SharedCutMethod, Show, SplitMethod,
-    representatives,
+    CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, REPRESENTATIVES, SharedCutMethod,
+    Show, SplitMethod, representatives,
 };
 use crate::settings::Settings;
 use crate::trees::{self, Tree};
@@ -123,12 +123,15 @@ impl<'a> Stage<'a> {
             (Method::Uniform, _) => Tool::Uniform(UniformSampler { count: lights.len() as u32 }),
             (Method::Power, _) => Tool::Power(PowerSampler::new(&lights).map_err(|error| refuse(&error))?),
             (Method::Lightcut, Some(tree)) => {
-                let chosen = representatives(tree, &lights, plan.seed).map_err(|error| refuse(&error))?;
+                let choice = plan.settings.find("representatives").unwrap_or(REPRESENTATIVES.default);
+                let chosen = representatives(tree, &lights, choice, plan.seed);
+                let chosen = chosen.map_err(|error| refuse(&error))?;
                 Tool::Representatives(chosen)
             }
             (Method::Split, Some(tree)) => Tool::Spread(EnergySpread::of(tree)),
             (Method::CutInterp | Method::CutInterpVis, Some(tree)) => {
-                let chosen = representatives(tree, &lights, plan.seed).map_err(|error| refuse(&error))?;
+                let chosen =
+                    representatives(tree, &lights, "random", plan.seed).map_err(|error| refuse(&error))?;
                 let metric = match plan.settings.text("metric") {
                     "width" => LevelMetric::Log2Width,
                     "intensity" => LevelMetric::LogIntensity,

@@ -169,7 +169,8 @@ fn segment(receiver: &Surface, light: &LightPoint) -> Option<Segment> {
 /// One point of every light, along a Morton curve of 10 bits an axis.
 fn lights_along_morton(scene: &Scene) -> Vec<LightPoint> {
     let mut random = Random::new(SEED, 4, 0);
-    let points: Vec<_> = scene.lights.iter().map(|l| l.point(scene, [random.f32(), random.f32()])).collect();
+    let points: Vec<_> =
+        scene.lights.iter().map(|l| l.point_by_area(scene, [random.f32(), random.f32()])).collect();
     let min = points.iter().fold(Vec3::INFINITY, |m, p| m.min(p.position));
     let max = points.iter().fold(Vec3::NEG_INFINITY, |m, p| m.max(p.position));
     let key = |p: &LightPoint| {

@@ -290,7 +290,6 @@ impl RayQueries for SceneRays {
         }
     }
 
-    /// Many at once where the scene is flattened, one by one in two levels.
     fn occluded_from(&self, origin: Vec3, targets: &[Vec3], occluded: &mut [bool], scratch: &mut Scratch) {
         match &self.tree {
             Tree::Flattened(tree) if !self.alpha.any(Asked::Occlusion) => {
@@ -299,11 +298,9 @@ impl RayQueries for SceneRays {
             Tree::Flattened(tree) => {
                 tree.occluded_from(origin, targets, occluded, &self.holes(Asked::Occlusion), scratch);
             }
-            Tree::TwoLevel(_) => {
+            Tree::TwoLevel(trees) => {
                 assert_eq!(targets.len(), occluded.len(), "one answer per target");
-                for (&to, occluded) in targets.iter().zip(occluded) {
-                    *occluded = self.occluded(&Segment { from: origin, to }, scratch);
-                }
+                trees.occluded_from(origin, targets, occluded, &self.primitives, &self.alpha, scratch);
             }
         }
     }

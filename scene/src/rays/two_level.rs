@@ -13,10 +13,11 @@ use super::binary::Binary;
 use super::build::WideBvh;
 use super::collapse::Plan;
 use super::error::RaysError;
+use super::group::GROUP;
 use super::lanes::pair::{array, le, load, max, min, slab, splat};
 use super::node::{LANES, Link, Node, STACK, TOP, next_bit};
 use super::primitives::Primitives;
-use super::ray::{Scale, Scratch, Traced};
+use super::ray::{Scale, Scratch, TopGroup, Traced};
 use super::triangle::AcceptAll;
 use crate::Scene;
 
@@ -119,6 +120,126 @@ impl TwoLevel {
         blocker
     }
 
+    /// [`occluded`](Self::occluded) of the segments from `from` to each target, up to 64 at once: a node of the tree over instances is visited once for all
+    /// that meet it, and so is each mesh.
+    pub(super) fn occluded_from(
+        &self,
+        from: Vec3,
+        targets: &[Vec3],
+        occluded: &mut [bool],
+        primitives: &Primitives,
+        alpha: &AlphaMasks,
+        scratch: &mut Scratch,
+    ) {
+        // Meshes use the rest of the scratch.
+        let mut group = core::mem::take(&mut scratch.top_group);
+        for (targets, occluded) in targets.chunks(GROUP).zip(occluded.chunks_mut(GROUP)) {
+            group.rays.clear();
+            group.index.clear();
+            occluded.fill(false);
+            for (i, &to) in (0u32..).zip(targets) {
+                if let Some(ray) = Traced::segment(&Segment { from, to }, &self.scale) {
+                    group.rays.push(ray);
+                    group.index.push(i);
+                }
+            }
+            if !group.rays.is_empty() {
+                self.blocked_of_group(from, targets, occluded, &mut group, primitives, alpha, scratch);
+            }
+        }
+        scratch.top_group = group;
+    }
+
+    /// Marks those rays of `group` that any instance stops. There is at least one.
+    #[expect(clippy::too_many_arguments, reason = "the body of one loop")]
+    fn blocked_of_group(
+        &self,
+        from: Vec3,
+        targets: &[Vec3],
+        occluded: &mut [bool],
+        group: &mut TopGroup,
+        primitives: &Primitives,
+        alpha: &AlphaMasks,
+        scratch: &mut Scratch,
+    ) {
+        let mut open = u64::MAX >> (GROUP - group.rays.len());
+        group.stack.clear();
+        group.stack.push((Link::ROOT.0, open));
+        while let Some((link, mask)) = group.stack.pop() {
+            let active = mask & open;
+            if active == 0 {
+                continue;
+            }
+            let link = Link(link);
+            if link.is_leaf() {
+                open &= !self.blocked_by(
+                    link.packets().0 as u32,
+                    from,
+                    targets,
+                    active,
+                    group,
+                    primitives,
+                    alpha,
+                    scratch,
+                );
+                continue;
+            }
+            let node = &self.nodes[link.0 as usize];
+            let mut masks = [0u64; LANES];
+            let mut todo = active;
+            while todo != 0 {
+                let ray = todo.trailing_zeros();
+                todo &= todo - 1;
+                let traced = &group.rays[ray as usize];
+                let (_, mut hits) = boxes(node, traced, traced.t_max);
+                while hits != 0 {
+                    masks[next_bit(&mut hits)] |= 1 << ray;
+                }
+            }
+            let met = masks.iter().zip(&node.child).filter(|(mask, _)| **mask != 0);
+            group.stack.extend(met.map(|(&mask, &child)| (child, mask)));
+        }
+        for (ray, &target) in group.index.iter().enumerate() {
+            occluded[target as usize] = open >> ray & 1 == 0;
+        }
+    }
+
+    /// Which of the `active` rays an instance stops, as a mask.
+    #[expect(clippy::too_many_arguments, reason = "the body of one loop")]
+    fn blocked_by(
+        &self,
+        instance: u32,
+        from: Vec3,
+        targets: &[Vec3],
+        active: u64,
+        group: &mut TopGroup,
+        primitives: &Primitives,
+        alpha: &AlphaMasks,
+        scratch: &mut Scratch,
+    ) -> u64 {
+        let mesh = primitives.mesh(instance);
+        let Some(tree) = &self.meshes[mesh as usize] else { return 0 };
+        let TopGroup { index, which, targets: local, blocked, .. } = group;
+        which.clear();
+        local.clear();
+        let mut todo = active;
+        while todo != 0 {
+            let ray = todo.trailing_zeros();
+            todo &= todo - 1;
+            which.push(ray);
+            local.push(self.point_in_mesh(instance, targets[index[ray as usize] as usize]));
+        }
+        blocked.clear();
+        blocked.resize(local.len(), false);
+        let (from, asked) = (self.point_in_mesh(instance, from), Asked::Occlusion);
+        if alpha.is_masked(mesh, asked) {
+            tree.occluded_from(from, local, blocked, &MeshHoles { masks: alpha, mesh, asked }, scratch);
+        } else {
+            tree.occluded_from(from, local, blocked, &AcceptAll, scratch);
+        }
+        which.iter().zip(&*blocked).fold(0, |mask, (&ray, &blocked)| mask | u64::from(blocked) << ray)
+    }
+
     /// Whether one instance stops the segment; an instance that isn't there stops nothing.
     pub(super) fn occluded_by(
         &self,
@@ -128,8 +249,10 @@ impl TwoLevel {
         alpha: &AlphaMasks,
         scratch: &mut Scratch,
     ) -> bool {
-        let Some(to_mesh) = self.to_mesh.get(instance as usize) else { return false };
-        let place = |p: Vec3| to_mesh.transform_point3(p.as_dvec3()).as_vec3();
+        if instance as usize >= self.to_mesh.len() {
+            return false;
+        }
+        let place = |p: Vec3| self.point_in_mesh(instance, p);
         let local = Segment { from: place(segment.from), to: place(segment.to) };
         let mesh = primitives.mesh(instance);
         let Some(tree) = &self.meshes[mesh as usize] else { return false };
@@ -157,6 +280,10 @@ impl TwoLevel {
         for tree in self.meshes.iter_mut().flatten() {
             tree.set_path(path);
         }
+    }
+
+    fn point_in_mesh(&self, instance: u32, point: Vec3) -> Vec3 {
+        self.to_mesh[instance as usize].transform_point3(point.as_dvec3()).as_vec3()
     }
 
     fn ray_in_mesh(&self, instance: u32, ray: &Ray, t_max: f32) -> Ray {

@@ -1,9 +1,8 @@
 //! The lights that speak for the nodes of merged cuts, looked up once for all receivers that share them.
 
 use glam::Vec3;
-use lighttree::rng::{pcg4d, unit_f32};
 use lighttree::{LightId, NodeId, Segment};
-use scene::{Counts, Frame, Geometry, Light, LightPoint, Purpose, ShadingPoint};
+use scene::{Counts, Frame, Geometry, Light, LightPoint, ShadingPoint};
 
 use super::super::lightcut::{LightcutMethod, relative};
 
@@ -108,9 +107,8 @@ impl NodeLights {
 /// A point on a light that need not be virtual, and how that compares with the light's mean, per channel.
 fn placed<Q: Geometry>(frame: &Frame<'_, Q>, point: &ShadingPoint, node: &NodeLight) -> (LightPoint, Vec3) {
     let light = &frame.lights[node.light.0 as usize];
-    let [u, v, ..] =
-        pcg4d([frame.light_seed ^ Purpose::Lights.salt(), point.pixel, point.sample, node.light.0]);
-    let at = light.point(frame.scene, [unit_f32(u), unit_f32(v)]);
+    let place = point.place_on_light(frame.light_seed, node.light, 0, 1);
+    let at = light.point(frame.scene, place, point.position);
     let colour = relative(at.intensity, light);
     (at, colour)
 }

@@ -124,6 +124,11 @@ impl AliasTable {
         Some((index, self.probabilities[index]))
     }
 
+    /// Heap memory, bytes: 16 for each weight.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.columns) + size_of_val(&*self.probabilities)
+    }
+
     /// Probability of an index, in [0, 1]; 0 for one without weight or outside the table.
     pub fn probability(&self, index: usize) -> f64 {
         self.probabilities.get(index).copied().unwrap_or(0.0)

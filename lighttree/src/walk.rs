@@ -126,6 +126,10 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         receiver: &(impl Receiver + ?Sized),
         random: &mut Decisions,
     ) -> (Option<LightSample>, u32) {
+        // No step enters what has no intensity, but a walk may begin there: at a cut's node all of whose lights are switched off.
+        if self.tree.bounds(node).intensity == 0.0 {
+            return (None, 0);
+        }
         let viewpoint = Viewpoint::new(receiver, &self.root);
         let (mut node, mut pmf, mut visited) = (node, 1.0, 0);
         loop {
@@ -178,6 +182,9 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         let Some(slot) = self.tree.slot_of(light).filter(|slot| self.tree.items(node).contains(slot)) else {
             return 0.0;
         };
+        if self.tree.bounds(node).intensity == 0.0 {
+            return 0.0;
+        }
         let viewpoint = Viewpoint::new(receiver, &self.root);
         let (mut node, mut pmf) = (node, 1.0);
         loop {

@@ -127,6 +127,19 @@ impl Bsdf {
         }
     }
 
+    /// About the share of light from everywhere that goes to `wo`, each channel in [0, 1]: the diffuse part and what a lobe reflects at normal incidence. What a
+    /// filter takes out of a picture and puts back.
+    pub fn reflectance(&self, normal: Vec3, wo: Vec3) -> Vec3 {
+        let lobe = match self {
+            Self::Lambert { .. } => Vec3::ZERO,
+            Self::Ggx(ggx) => ggx.f0(),
+            Self::Phong(phong) => phong.specular,
+            Self::Mirror { reflectance } => *reflectance,
+            Self::Dielectric(dielectric) => dielectric.tint,
+        };
+        (self.diffuse_albedo(normal, wo) + lobe).min(Vec3::ONE)
+    }
+
     /// Whether there is more than a diffuse part.
     pub const fn is_glossy(&self) -> bool {
         matches!(self, Self::Ggx(_) | Self::Phong(_))

@@ -51,11 +51,38 @@ impl Camera {
         let direction = (self.forward + x * self.right + y * self.up).normalize();
         Ray { origin: self.position, direction, t_max: f32::INFINITY }
     }
+
+    /// Where in a `width` × `height` image `position` is seen, in pixels as [`ray`](Self::ray) has them, and its distance from the camera's plane;
+    /// `None` behind that plane. May be outside the image.
+    pub fn project(&self, position: Vec3, width: u32, height: u32) -> Option<Vec3> {
+        let to = position - self.position;
+        let depth = to.dot(self.forward);
+        if depth <= 0.0 {
+            return None;
+        }
+        let half = (0.5 * self.vertical_fov).tan() * depth;
+        let aspect = width as f32 / height as f32;
+        let x = 0.5 * width as f32 * (1.0 + to.dot(self.right) / (half * aspect));
+        let y = 0.5 * height as f32 * (1.0 - to.dot(self.up) / half);
+        Some(Vec3::new(x, y, depth))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_a_ray_meets_is_seen_where_the_ray_went() {
+        let camera = Camera::look_at("x", Vec3::new(1.0, 2.0, 3.0), Vec3::new(-4.0, 1.0, 0.5), Vec3::Y, 0.8);
+        for at in [Vec2::new(0.5, 0.5), Vec2::new(319.2, 17.0), Vec2::new(160.0, 90.0)] {
+            let ray = camera.ray(at, 320, 180);
+            let seen = camera.project(ray.origin + 7.0 * ray.direction, 320, 180).unwrap();
+            assert!(seen.truncate().distance(at) < 1e-3, "{seen} for {at}");
+            assert!((seen.z - 7.0 * ray.direction.dot(camera.forward)).abs() < 1e-5);
+            assert_eq!(camera.project(ray.origin - ray.direction, 320, 180), None);
+        }
+    }
 
     /// Halfway round a point it sees that point from the other side, upright, in the middle of the picture.
     #[test]

@@ -4,9 +4,9 @@ mod common;
 
 use core::f32::consts::PI;
 
-use common::{add_quad, brute, down_from, emitter, floor, lambert};
-use glam::Vec3;
-use scene::{DistantLight, Light, RenderParams, Scene};
+use common::{Loop, add_quad, brute, down_from, emitter, floor, lambert};
+use glam::{Affine3A, Vec2, Vec3};
+use scene::{Camera, DistantLight, Frame, GBuffer, LastFrame, Light, RenderParams, Scene};
 
 fn params(width: u32, height: u32, spp: u32) -> RenderParams {
     RenderParams { width, height, spp, threads: 2, ..RenderParams::default() }
@@ -66,4 +66,74 @@ fn square_light_over_a_plane() {
     let rendered = brute(&scene, &down_from(0.9, 0.001), &params(32, 32, 64));
     let mean = rendered.film.pixels.iter().map(|p| f64::from(p.x)).sum::<f64>() / 1024.0;
     assert!((mean / f64::from(expected) - 1.0).abs() < 1e-3, "{mean} is not {expected}");
+}
+
+fn guides(scene: &Scene, camera: &Camera, params: &RenderParams, last: Option<&LastFrame<'_>>) -> GBuffer {
+    let rays = Loop::new(scene);
+    GBuffer::render(&Frame::new(scene, &rays, &scene.lights, 1), camera, params, last)
+}
+
+/// Guides see what the picture saw: emission is that of the same camera samples, and light is the rest over the albedo.
+#[test]
+fn guides_take_a_picture_apart() {
+    let mut scene = Scene::default();
+    floor(&mut scene, 10.0, lambert(Vec3::new(0.2, 0.5, 0.8)));
+    let c = |x: f32, y: f32| Vec3::new(x, y, 0.5);
+    add_quad(
+        &mut scene,
+        [c(0.1, 0.1), c(0.7, 0.1), c(0.7, 0.7), c(0.1, 0.7)],
+        emitter(Vec3::new(30.0, 20.0, 10.0)),
+    );
+    scene.distant.push(DistantLight { direction: Vec3::NEG_Z, irradiance: Vec3::splat(PI) });
+    let (camera, params) = (down_from(5.0, 0.4), params(23, 17, 5));
+    let picture = brute(&scene, &camera, &params).film;
+    let guides = guides(&scene, &camera, &params, None);
+    let mut emitting = 0;
+    for (i, pixel) in picture.pixels.iter().enumerate() {
+        // Full light of 1 from straight above on all of the floor; the emitter is black and faces up.
+        let light = (*pixel - guides.emission[i]) / guides.albedo[i];
+        assert!(
+            guides.albedo[i] == Vec3::ZERO || (light - 1.0).abs().max_element() < 1e-3,
+            "pixel {i}: {light}"
+        );
+        if guides.albedo[i] == Vec3::ZERO {
+            assert_eq!(*pixel, guides.emission[i], "pixel {i}");
+        }
+        emitting += u32::from(guides.emission[i] != Vec3::ZERO);
+        let height = if guides.instance[i] == 0 { 5.0 } else { 4.5 };
+        assert!((guides.depth[i] - height).abs() < 1e-4 && guides.normal[i] == Vec3::Z);
+        assert!(guides.motion[i].is_nan(), "there was no frame before");
+    }
+    assert!((10..200).contains(&emitting), "{emitting}");
+}
+
+/// A ray of the last frame's camera through where the motion points meets the same point.
+#[test]
+fn motion_leads_back() {
+    let mut scene = Scene::default();
+    floor(&mut scene, 10.0, lambert(Vec3::ONE));
+    let (now, params) = (down_from(5.0, 0.6), params(20, 12, 1));
+    let still = LastFrame { camera: &now, to_world: None };
+    assert!(guides(&scene, &now, &params, Some(&still)).motion.iter().all(|motion| *motion == Vec3::ZERO));
+
+    let then = Camera::look_at("then", Vec3::new(0.6, -0.9, 6.0), Vec3::new(0.2, 0.1, 0.0), Vec3::Y, 0.6);
+    let shift = Vec3::new(0.3, -0.2, 0.0);
+    let moved = [Affine3A::from_translation(shift)];
+    for to_world in [None, Some(&moved[..])] {
+        let last = LastFrame { camera: &then, to_world };
+        let found = guides(&scene, &now, &params, Some(&last));
+        for (i, motion) in found.motion.iter().enumerate() {
+            let at = Vec2::new((i % 20) as f32, (i / 20) as f32) + 0.5;
+            let meets = |camera: &Camera, at: Vec2| {
+                let ray = camera.ray(at, 20, 12);
+                let t = -ray.origin.z / ray.direction.z;
+                (ray.origin + t * ray.direction, t * ray.direction.dot(camera.forward))
+            };
+            let (place, depth) = meets(&now, at);
+            let (old_place, old_depth) = meets(&then, at + motion.truncate());
+            let expected = if to_world.is_some() { place + shift } else { place };
+            assert!(old_place.distance(expected) < 1e-4, "pixel {i}: {old_place} is not {expected}");
+            assert!((old_depth - depth - motion.z).abs() < 1e-4, "pixel {i}");
+        }
+    }
 }

@@ -9,19 +9,31 @@
 //!   each pixel takes a part of it.
 //! - [`SplitSampler`]: adaptive tree splitting.
 //! - [`TwoLevelSampler`]: one tree per mesh, shared by its instances, and one over the instances ([`TwoLevelTree`]).
+//! - [`Mixture`]: lights without a place beside those of a tree; [`Environment`]: an importance-sampled image around the scene.
+//! - [`LinkedTree`]: which lights may light which receivers; [`Signs`]: lights that take light away.
+//! - [`filter`]: SVGF and temporal anti-aliasing of what they draw.
 
 mod cut;
+mod environment;
+pub mod filter;
 mod guarded;
 mod interleave;
+mod linking;
+mod mixture;
 mod shared;
+mod signs;
 mod split;
 mod subtrees;
 mod two_level;
 
 pub use cut::{CutParams, CutSampler, Selection};
+pub use environment::{Environment, EnvironmentError, EnvironmentSample, spread};
 pub use guarded::{Guard, SurfacePoint};
 pub use interleave::Interleave;
+pub use linking::{LinkError, LinkedTree, LinkedView};
+pub use mixture::{FixedShare, Mixture, PowerShare, Share, estimated_power};
 pub use shared::{BlockGrid, SharedCuts};
+pub use signs::Signs;
 pub use split::{EnergySpread, SplitParams, SplitSampler};
 pub use subtrees::Subtrees;
 pub use two_level::{Keeps, LightInstance, LightMesh, TwoLevelError, TwoLevelSampler, TwoLevelTree};

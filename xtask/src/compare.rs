@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 
 use crate::failure::Failure;
 use crate::methods::Method;
+use crate::methods::filter::Filter;
 use crate::progress::Watched;
 use crate::report;
 use crate::settings::{self, Settings};
@@ -167,6 +168,10 @@ fn plans(args: &CompareArgs) -> Result<Vec<Plan>, Failure> {
             .cloned()
             .collect();
         let settings = Settings::parse(&format!("method `{}`", method.about().name), &keys, &mine)?;
+        if Filter::is_in(&settings) {
+            let line = "--set filter: `compare` judges what methods draw; filter pictures with `render`";
+            return Err(Failure::usage(line));
+        }
         args.look.plan(method, settings)
     };
     methods.into_iter().map(plan).collect()

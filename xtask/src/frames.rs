@@ -10,6 +10,7 @@ use scene::{Camera, Counts, Errors, Film, RayScratch, RenderParams, Rendered, Sc
 use serde_json::{Value, json};
 
 use crate::failure::Failure;
+use crate::methods::filter::{Filter, Filtered};
 use crate::progress::Watched;
 use crate::report::{self, Seconds};
 use crate::settings::Settings;
@@ -20,6 +21,8 @@ use crate::shot::{Plan, Stage};
 pub(crate) struct Kept {
     /// The last picture.
     film: Option<Film>,
+    /// What filters remember, if there are any.
+    filter: Option<Filter>,
 }
 
 /// What all frames have in common.
@@ -61,6 +64,8 @@ pub(crate) struct FrameReport {
     /// relMSE against the frame before; `None` for the first.
     change: Option<f64>,
     error: Option<Errors>,
+    /// Where it was filtered.
+    pub(crate) filtered: Option<Filtered>,
     /// Where it was written.
     pub(crate) output: PathBuf,
 }
@@ -98,11 +103,22 @@ impl Sequence<'_> {
         let prepared = stage.prepare(&plan)?;
         seconds.build_lights = prepared.seconds;
         let start = Instant::now();
-        let rendered = {
+        let mut rendered = {
             let watched = Watched::new(&self.name_of(frame));
             stage.render(&plan, &prepared, self.params, &watched)?
         };
         seconds.render = start.elapsed().as_secs_f64();
+
+        // Filter it.
+        if frame == 0 {
+            kept.filter = Filter::of(&plan.settings)?;
+        }
+        let filtered = match &mut kept.filter {
+            Some(filter) if !rendered.cut_short => {
+                Some(stage.filter(&plan, &prepared, self.params, filter, &mut rendered.film)?)
+            }
+            _ => None,
+        };
 
         // Compare it with what there is.
         let against = |film: &Film| report::errors(&rendered, film);
@@ -111,8 +127,16 @@ impl Sequence<'_> {
         if self.frames > 1 {
             kept.film = Some(rendered.film.clone());
         }
-        let report =
-            FrameReport { frame, seed: plan.seed, moving, seconds, change, error, output: PathBuf::new() };
+        let report = FrameReport {
+            frame,
+            seed: plan.seed,
+            moving,
+            seconds,
+            change,
+            error,
+            filtered,
+            output: PathBuf::new(),
+        };
         let (vpls, light_tree_bytes) = (prepared.vpls, prepared.bytes());
         Ok(Taken { rendered, vpls, light_tree_bytes, error, report })
     }
@@ -148,6 +172,9 @@ impl FrameReport {
         if let Some(error) = &self.error {
             object["error"] = report::errors_json(error);
         }
+        if let Some(filtered) = &self.filtered {
+            object["filter"] = filtered.json();
+        }
         object["output"] = json!(self.output.display().to_string());
         object
     }
@@ -167,7 +194,8 @@ impl FrameReport {
     /// Everything but files.
     fn total(&self) -> f64 {
         let Seconds { build_rays, build_lights, render, .. } = self.seconds;
-        self.moving + build_rays + build_lights + render
+        let filter = self.filtered.map_or(0.0, |filtered| filtered.guides + filtered.filter);
+        self.moving + build_rays + build_lights + render + filter
     }
 }
 

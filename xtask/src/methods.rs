@@ -2,6 +2,7 @@
 
 mod cut;
 mod cutinterp;
+pub(crate) mod filter;
 mod lightcut;
 mod split;
 
@@ -341,7 +342,7 @@ impl Method {
 
     /// Its own dials and those of every method.
     pub(crate) fn keys(self) -> Vec<Key> {
-        self.about().keys.iter().chain(&COMMON).copied().collect()
+        self.about().keys.iter().chain(&COMMON).chain(&filter::KEYS).copied().collect()
     }
 }
 
@@ -353,7 +354,7 @@ pub(crate) fn help() -> String {
         about.keys.iter().for_each(|key| text += &describe(key));
     }
     text += "\nevery method\n";
-    COMMON.iter().for_each(|key| text += &describe(key));
+    COMMON.iter().chain(&filter::KEYS).for_each(|key| text += &describe(key));
     text
 }
 

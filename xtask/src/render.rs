@@ -8,6 +8,7 @@ use scene::{Counts, Film, RenderParams, SceneRays};
 
 use crate::failure::Failure;
 use crate::frames::{self, Kept, Sequence};
+use crate::methods::filter::Filter;
 use crate::methods::{self, Method};
 use crate::report::{self, Report, Seconds};
 use crate::settings::Settings;
@@ -167,6 +168,9 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
         } else {
             eprintln!("wrote {} and {} (exposure {stops:+.2} stops)", args.output.display(), png.display());
         }
+        if let Some(filtered) = &taken.report.filtered {
+            eprintln!("{}", filtered.for_people());
+        }
         frames.push(taken.report.json());
         if frame + 1 == args.frames || taken.rendered.cut_short {
             break taken;
@@ -188,6 +192,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
         rays_bytes: rays.bytes(),
         peak_rss: memory::peak_resident(),
         error: last.error,
+        filter: last.report.filtered.map(|filtered| filtered.json()),
         output: &args.output,
         frames: (args.frames > 1).then_some(frames),
     };
@@ -211,6 +216,10 @@ fn plan(args: &RenderArgs) -> Result<Plan, Failure> {
     }
     let method = Method::named(&args.method)?;
     let settings = Settings::parse(&format!("method `{}`", args.method), &method.keys(), &args.set)?;
+    if args.pixels.is_some() && Filter::is_in(&settings) {
+        let line = "--pixels with --set filter: a filter needs the pixels around each; leave one of them out";
+        return Err(Failure::usage(line));
+    }
     args.look.plan(method, settings)
 }
 

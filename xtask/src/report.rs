@@ -37,6 +37,8 @@ pub(crate) struct Report<'a> {
     pub(crate) peak_rss: Option<u64>,
     pub(crate) error: Option<Errors>,
     pub(crate) output: &'a Path,
+    /// What filtering the last frame took and met.
+    pub(crate) filter: Option<Value>,
     /// Entries of the array `frames`, where more than one was asked for.
     pub(crate) frames: Option<Vec<Value>>,
 }
@@ -65,6 +67,9 @@ impl Report<'_> {
         });
         if let Some(error) = &self.error {
             object["error"] = errors_json(error);
+        }
+        if let Some(filter) = &self.filter {
+            object["filter"] = filter.clone();
         }
         if let Some(frames) = &self.frames {
             object["frames"] = json!(frames);

@@ -7,12 +7,13 @@ use cutinterp::{LevelMetric, Levels, PlacementParams, Visibility, WeightParams};
 use lightcut::{LightcutParams, Representatives};
 use lighttree::{LightSampler, PowerSampler, TreeSampler, UniformSampler};
 use scene::{
-    BruteForce, Camera, DirectLighting, Drawn, Frame, IndirectLighting, Light, NoDirect, NoIndirect,
+    BruteForce, Camera, DirectLighting, Drawn, Film, Frame, IndirectLighting, Light, NoDirect, NoIndirect,
     PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, WalkReport,
 };
 use stochastic::EnergySpread;
 
 use crate::failure::Failure;
+use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
     CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, REPRESENTATIVES, SharedCutMethod,
     Show, SplitMethod, representatives,
@@ -186,6 +187,21 @@ impl<'a> Stage<'a> {
             _ if plan.method == Method::Path => shot.direct(&NoDirect),
             _ => shot.direct(&BruteForce),
         }
+    }
+
+    /// Filters a whole picture that was taken with these arguments.
+    ///
+    /// # Errors
+    /// If the film is not of the size that the parameters say.
+    pub(crate) fn filter(
+        &self,
+        plan: &Plan,
+        prepared: &Prepared<'_>,
+        params: &RenderParams,
+        filter: &mut Filter,
+        film: &mut Film,
+    ) -> Result<Filtered, Failure> {
+        filter.apply(&self.frame(plan, &prepared.lights), self.camera, params, film)
     }
 
     fn frame<'f>(&'f self, plan: &Plan, lights: &'f [Light]) -> Frame<'f, SceneRays> {

@@ -64,6 +64,11 @@ impl Ggx {
         }
     }
 
+    /// Reflectance of the lobe at normal incidence.
+    pub const fn f0(&self) -> Vec3 {
+        self.f0
+    }
+
     /// Width of the lobe, roughness², at least [`MIN_ALPHA`](Self::MIN_ALPHA).
     pub const fn alpha(&self) -> f32 {
         self.alpha

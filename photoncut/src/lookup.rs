@@ -1,0 +1,73 @@
+//! Irradiance anywhere, out of the samples of a cut.
+
+use glam::Vec3;
+
+use crate::{CutSample, DensityParams, IlluminationCut, PhotonMap, PhotonScratch};
+
+/// Memory of a look-up, reused from point to point.
+#[derive(Clone, Debug, Default)]
+pub struct LookupScratch {
+    stack: Vec<u32>,
+    photons: PhotonScratch,
+}
+
+impl IlluminationCut {
+    /// Irradiance of a surface at `point` that faces `normal`, W·m⁻² per channel: the mean of the samples that reach it, with weights K(d/r) ·
+    /// max(0, n·nⱼ), K(x) = 1 - x² (Wang et al. 2009, equations 4 and 5), divided by their sum, which the paper leaves out. `None` where no sample reaches.
+    pub fn irradiance(&self, point: Vec3, normal: Vec3, scratch: &mut LookupScratch) -> Option<Vec3> {
+        let LookupScratch { stack, .. } = scratch;
+        let samples = self.cut().values();
+        let (mut sum, mut weights) = (Vec3::ZERO, 0.0f32);
+        stack.clear();
+        if !self.is_empty() {
+            stack.push(0);
+        }
+        while let Some(id) = stack.pop() {
+            let node = &self.upper[id as usize];
+            if node.is_sample != 0 {
+                let weight = weight(&samples[node.index as usize], point, normal);
+                if weight > 0.0 {
+                    sum += weight * samples[node.index as usize].irradiance;
+                    weights += weight;
+                }
+                continue;
+            }
+            for child in [node.index + 1, node.index] {
+                let child_node = &self.upper[child as usize];
+                let inside =
+                    point.cmpge(Vec3::from(child_node.min)) & point.cmple(Vec3::from(child_node.max));
+                if inside.all() {
+                    stack.push(child);
+                }
+            }
+        }
+        let mean = sum / weights;
+        (weights > 0.0 && mean.is_finite()).then_some(mean)
+    }
+
+    /// The same, and where no sample reaches, from the photons themselves. Also returns whether it had to.
+    pub fn irradiance_or_density(
+        &self,
+        map: &PhotonMap,
+        point: Vec3,
+        normal: Vec3,
+        density: &DensityParams,
+        scratch: &mut LookupScratch,
+    ) -> (Vec3, bool) {
+        match self.irradiance(point, normal, scratch) {
+            Some(irradiance) => (irradiance, false),
+            None => (map.irradiance(point, normal, density, &mut scratch.photons).irradiance, true),
+        }
+    }
+}
+
+/// Equations 4 and 5.
+#[inline]
+fn weight(sample: &CutSample, point: Vec3, normal: Vec3) -> f32 {
+    let squared = sample.radius * sample.radius;
+    let near = squared - sample.position.distance_squared(point);
+    if near <= 0.0 || squared <= 0.0 {
+        return 0.0;
+    }
+    near / squared * sample.normal.dot(normal).max(0.0)
+}

@@ -1,0 +1,247 @@
+//! Irradiance at every point, out of samples at few.
+//!
+//! Ward, Rubinstein and Clear 1988: the mean of nearby samples with weights 1/e, e = |x - s| ÷ R + |n - nₛ|, R the harmonic mean of the distances that the
+//! sample's rays went; as Wang et al. 2009 have it. Differs from both: there is no radius beyond which a sample ends. The samples of least e are taken,
+//! and the weight of the next one after them is subtracted from all: a sample comes and goes with weight zero, so the result is continuous
+//! wherever samples are, and never undefined.
+//!
+//! Křivánek et al., "Making Radiance and Irradiance Caching Practical", 2006, section 3: no sample's R is larger than a neighbour's plus the distance between them, on
+//! request.
+
+use glam::Vec3;
+
+use crate::gather::GatherSample;
+use crate::points::{self, Located, SpatialNode};
+
+/// How samples are interpolated. Any values may be set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InterpolationParams {
+    /// Samples in a mean, 1 to 32; as many as there are where those are fewer.
+    pub neighbours: u32,
+    /// Whether samples speak for their surroundings to first order (Ward and Heckbert 1992), and not as constants.
+    pub gradients: bool,
+    /// Whether neighbours bound each other's R.
+    pub clamp_neighbours: bool,
+    /// Least R, in the scene's length unit; at least 0.
+    pub min_distance: f32,
+    /// Largest R, in the scene's length unit: that of samples whose rays hit nothing, too.
+    pub max_distance: f32,
+}
+
+impl InterpolationParams {
+    /// Eight neighbours, neighbour clamping, no gradients; R from a thousandth of the scene's radius to all of it.
+    pub const fn new(scene_radius: f32) -> Self {
+        Self {
+            neighbours: 8,
+            gradients: false,
+            clamp_neighbours: true,
+            min_distance: 1e-3 * scene_radius,
+            max_distance: scene_radius,
+        }
+    }
+}
+
+/// Most samples in a mean.
+const MAX_NEIGHBOURS: usize = 32;
+
+/// Below this e a sample is the point itself.
+const SAME: f32 = 1e-6;
+
+/// Samples that can be interpolated. Memory: 144 bytes a sample with its share of the index.
+#[derive(Clone, Debug)]
+pub struct IrradianceSamples {
+    samples: Vec<Indexed>,
+    nodes: Vec<SpatialNode>,
+    /// Largest R below each node.
+    reach: Vec<f32>,
+    params: InterpolationParams,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Indexed {
+    sample: GatherSample,
+    /// R, clamped.
+    distance: f32,
+    /// Place in the caller's list.
+    index: u32,
+}
+
+impl Located for Indexed {
+    fn position(&self) -> Vec3 {
+        self.sample.position
+    }
+    fn normal(&self) -> Vec3 {
+        self.sample.normal
+    }
+}
+
+/// A sample's part in a mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Share {
+    /// Place in the list that was given.
+    pub index: u32,
+    /// In (0, 1]; all shares sum up to 1.
+    pub weight: f32,
+    slot: u32,
+}
+
+/// Memory of an interpolation, reused from point to point.
+#[derive(Clone, Debug, Default)]
+pub struct SampleScratch {
+    stack: Vec<(f32, u32)>,
+    /// e and slot, least first.
+    best: Vec<(f32, u32)>,
+    shares: Vec<Share>,
+}
+
+impl IrradianceSamples {
+    /// Indexes samples; those with a NaN or infinite position, normal or irradiance are left out and counted in the second result.
+    pub fn new(samples: &[GatherSample], params: &InterpolationParams) -> (Self, usize) {
+        let floor = if params.min_distance.is_finite() { params.min_distance.max(0.0) } else { 0.0 };
+        let clamped = |r: f32| r.min(params.max_distance).max(floor).max(f32::MIN_POSITIVE);
+        let mut kept: Vec<Indexed> = (0..)
+            .zip(samples)
+            .filter(|(_, s)| s.position.is_finite() && s.normal.is_finite() && s.irradiance.is_finite())
+            .map(|(index, &sample)| Indexed { sample, distance: clamped(sample.mean_distance), index })
+            .collect();
+        let left_out = samples.len() - kept.len();
+        if params.clamp_neighbours {
+            clamp_by_neighbours(&mut kept);
+        }
+        let nodes = points::build(&mut kept, 4);
+        let mut reach = vec![0.0f32; nodes.len()];
+        for id in (0..nodes.len()).rev() {
+            let children = nodes[id].children();
+            reach[id] = if children.is_empty() {
+                let items = nodes[id].items();
+                kept[items.start as usize..items.end as usize].iter().map(|s| s.distance).fold(0.0, f32::max)
+            } else {
+                reach[children.start as usize].max(reach[children.start as usize + 1])
+            };
+        }
+        (Self { samples: kept, nodes, reach, params: *params }, left_out)
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.samples.is_empty()
+    }
+
+    /// Who speaks for a surface at `point` that faces `normal`, and with what weight; nobody only where there are no samples.
+    pub fn shares<'s>(&self, point: Vec3, normal: Vec3, scratch: &'s mut SampleScratch) -> &'s [Share] {
+        self.find_nearest(point, normal, scratch);
+        let SampleScratch { best, shares, .. } = scratch;
+        shares.clear();
+        let share = |slot: u32, weight: f32| Share { index: self.samples[slot as usize].index, weight, slot };
+        match **best {
+            [] => return shares,
+            [(error, slot), ..] if error < SAME => {
+                shares.push(share(slot, 1.0));
+                return shares;
+            }
+            _ => {}
+        }
+        // The one too many says how much less all others weigh.
+        let wanted = self.wanted();
+        let cut_off = best.get(wanted).map_or(0.0, |&(error, _)| 1.0 / error);
+        let counted = &best[..best.len().min(wanted)];
+        let weight = |error: f32| (1.0 / error - cut_off).max(0.0);
+        let sum: f32 = counted.iter().map(|&(error, _)| weight(error)).sum();
+        // All as near as the one too many, as on a regular grid: then they count alike.
+        let alike = !(sum.is_finite() && sum * counted[0].0 > 1e-6);
+        for &(error, slot) in counted {
+            let weight = if alike { 1.0 / counted.len() as f32 } else { weight(error) / sum };
+            if weight > 0.0 {
+                shares.push(share(slot, weight));
+            }
+        }
+        shares
+    }
+
+    /// Irradiance of a surface at `point` that faces `normal`, W·m⁻² per channel; zero without samples. With gradients a channel may be extrapolated to below
+    /// zero; it is cut off there, and the second result says so.
+    pub fn irradiance(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) -> (Vec3, bool) {
+        let mut sum = Vec3::ZERO;
+        for share in self.shares(point, normal, scratch) {
+            let sample = &self.samples[share.slot as usize].sample;
+            let mut irradiance = sample.irradiance;
+            if self.params.gradients {
+                let (turn, way) = (sample.normal.cross(normal), point - sample.position);
+                let change = |c: usize| turn.dot(sample.rotation[c]) + way.dot(sample.translation[c]);
+                irradiance += Vec3::new(change(0), change(1), change(2));
+            }
+            sum += share.weight * irradiance;
+        }
+        (sum.max(Vec3::ZERO), sum.min_element() < 0.0)
+    }
+
+    fn wanted(&self) -> usize {
+        (self.params.neighbours as usize).clamp(1, MAX_NEIGHBOURS)
+    }
+
+    /// Fills `best` with the samples of least e, one more than wanted.
+    fn find_nearest(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) {
+        let SampleScratch { stack, best, .. } = scratch;
+        best.clear();
+        stack.clear();
+        let count = self.wanted() + 1;
+        // Nothing below a node has a lesser e than this.
+        let least =
+            |id: u32| self.nodes[id as usize].distance_squared(point).sqrt() / self.reach[id as usize];
+        if !self.is_empty() {
+            stack.push((least(0), 0));
+        }
+        while let Some((bound, id)) = stack.pop() {
+            let full = best.len() == count;
+            if full && bound >= best[count - 1].0 {
+                continue;
+            }
+            let node = &self.nodes[id as usize];
+            let children = node.children();
+            if children.is_empty() {
+                for slot in node.items() {
+                    let Indexed { sample, distance, .. } = &self.samples[slot as usize];
+                    let error = point.distance(sample.position) / distance + normal.distance(sample.normal);
+                    if !error.is_finite() || (best.len() == count && error >= best[count - 1].0) {
+                        continue;
+                    }
+                    let place = best.partition_point(|&(other, _)| other <= error);
+                    best.truncate(count - 1);
+                    best.insert(place.min(best.len()), (error, slot));
+                }
+                continue;
+            }
+            let [mut a, mut b] = [children.start, children.start + 1].map(|id| (least(id), id));
+            if a.0 < b.0 {
+                core::mem::swap(&mut a, &mut b);
+            }
+            stack.extend([a, b]);
+        }
+    }
+}
+
+/// R of each sample to the least of any sample's R plus the distance between the two.
+fn clamp_by_neighbours(samples: &mut [Indexed]) {
+    // The smallest first: what bounds others is never bounded by them any more.
+    let mut order: Vec<usize> = (0..samples.len()).collect();
+    order.sort_by(|&a, &b| samples[a].distance.total_cmp(&samples[b].distance).then(a.cmp(&b)));
+    let sorted: Vec<(Vec3, f32)> =
+        order.iter().map(|&i| (samples[i].sample.position, samples[i].distance)).collect();
+    let mut bounded = vec![0.0f32; sorted.len()];
+    crate::parallel::for_each(
+        &mut bounded,
+        || (),
+        |(), i, out| {
+            let (position, own) = sorted[i];
+            *out = sorted[..i].iter().fold(own, |least, &(other, r)| least.min(r + other.distance(position)));
+        },
+    );
+    for (&i, distance) in order.iter().zip(bounded) {
+        samples[i].distance = distance;
+    }
+}

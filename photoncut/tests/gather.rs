@@ -1,0 +1,192 @@
+//! Final gather and what is interpolated from it.
+
+mod common;
+
+use core::f32::consts::PI;
+
+use glam::Vec3;
+use lighttree::rng::Random;
+use photoncut::{
+    DensityParams, GatherParams, GatherSample, GatherScratch, IlluminationCut, Incoming, InterpolationParams,
+    IrradianceSamples, LookupScratch, PhotonScratch, RadianceSh, SampleScratch, gather,
+};
+
+const PARAMS: GatherParams = GatherParams { rays: 400, seed: 1 };
+
+fn at(position: Vec3, normal: Vec3, rays: u32, light: impl Fn(Vec3) -> Incoming) -> GatherSample {
+    let params = GatherParams { rays, seed: 1 };
+    gather(position, normal, 0, &params, &mut GatherScratch::default(), None, |d, _| light(d))
+}
+
+/// E51: in a closed box whose walls emit radiance 1 and reflect half, irradiance is 2π everywhere, of which half is gathered. Every approximation on its own.
+#[test]
+fn white_furnace() {
+    const ALBEDO: f32 = 0.5;
+    let map = common::map(&common::furnace(Vec3::splat(ALBEDO), 200_000, 1));
+    let density = DensityParams::nearest(64);
+    let cut = IlluminationCut::of_size(&map, 3000, &density);
+    let expected = 2.0 * PI * ALBEDO;
+    let (mut photons, mut lookup, mut scratch) =
+        (PhotonScratch::default(), LookupScratch::default(), GatherScratch::default());
+    let mut random = Random::new(3, 0, 0);
+    let mut samples = Vec::new();
+    let (mut full, mut by_cut) = (0.0, 0.0);
+    const POINTS: u32 = 150;
+    for index in 0..POINTS {
+        let (position, normal) = common::wall_point(&mut random);
+        let origin = position + 1e-5 * normal;
+        let exact = gather(position, normal, index, &PARAMS, &mut scratch, None, |d, _| {
+            let (distance, place, facing) = common::hit(origin, d);
+            let irradiance = map.irradiance(place, facing, &density, &mut photons).irradiance;
+            Incoming { radiance: irradiance * (ALBEDO / PI), distance }
+        });
+        let sparse = gather(position, normal, index, &PARAMS, &mut scratch, None, |d, _| {
+            let (distance, place, facing) = common::hit(origin, d);
+            let irradiance = cut.irradiance_or_density(&map, place, facing, &density, &mut lookup).0;
+            Incoming { radiance: irradiance * (ALBEDO / PI), distance }
+        });
+        full += exact.irradiance.x / POINTS as f32;
+        by_cut += sparse.irradiance.x / POINTS as f32;
+        samples.push(sparse);
+    }
+    assert!((full / expected - 1.0).abs() < 0.01, "full map: {}", full / expected - 1.0);
+    assert!((by_cut / expected - 1.0).abs() < 0.01, "cut: {}", by_cut / expected - 1.0);
+
+    // Between the samples.
+    let (samples, left_out) = IrradianceSamples::new(&samples, &InterpolationParams::new(0.9));
+    assert_eq!(left_out, 0);
+    let mut scratch = SampleScratch::default();
+    let mut between = 0.0;
+    for _ in 0..1000 {
+        let (point, normal) = common::wall_point(&mut random);
+        between += samples.irradiance(point, normal, &mut scratch).0.x / 1000.0;
+    }
+    assert!((between / expected - 1.0).abs() < 0.01, "between samples: {}", between / expected - 1.0);
+}
+
+#[test]
+fn constant_light_is_exact_and_so_are_its_harmonics() {
+    let mut sh = RadianceSh::default();
+    let constant = |_: Vec3, _: &mut Random| Incoming { radiance: Vec3::ONE, distance: 2.0 };
+    let sample =
+        gather(Vec3::ZERO, Vec3::Z, 0, &PARAMS, &mut GatherScratch::default(), Some(&mut sh), constant);
+    assert!((sample.irradiance.x - PI).abs() < 1e-5 && (sample.mean_distance - 2.0).abs() < 1e-5);
+    // The mean over the whole sphere is half: exact, for strata have their solid angles.
+    assert!((sh.0[0].x * 0.282_094_79 - 0.5).abs() < 1e-5);
+    // A hemisphere in four bands: 1/2 + 3/4 - 7/16 at the zenith.
+    assert!(
+        (sh.radiance(Vec3::Z).x - 0.8125).abs() < 0.06 && (sh.radiance(Vec3::NEG_Z).x - 0.1875).abs() < 0.06
+    );
+    let none = at(Vec3::ZERO, Vec3::Z, 0, |_| Incoming { radiance: Vec3::ZERO, distance: f32::INFINITY });
+    assert_eq!((none.irradiance, none.mean_distance), (Vec3::ZERO, f32::INFINITY));
+}
+
+/// Gradients against finite differences: a bright patch on a ceiling one unit above.
+#[test]
+fn gradients_foretell_neighbours() {
+    let patch = |eye: Vec3| {
+        move |d: Vec3| {
+            if d.z <= 0.0 {
+                return Incoming { radiance: Vec3::ZERO, distance: f32::INFINITY };
+            }
+            let distance = (1.0 - eye.z) / d.z;
+            let place = eye + distance * d;
+            // Smooth, so that few rays do.
+            let radiance =
+                Vec3::ONE * (-2.0 * (place.truncate() - glam::Vec2::new(0.5, 0.2)).length_squared()).exp();
+            Incoming { radiance, distance }
+        }
+    };
+    const RAYS: u32 = 40_000;
+    let here = at(Vec3::ZERO, Vec3::Z, RAYS, patch(Vec3::ZERO));
+    let step = 0.05;
+    for way in [Vec3::X, Vec3::Y, Vec3::new(-0.6, 0.8, 0.0)] {
+        let ahead = at(step * way, Vec3::Z, RAYS, patch(step * way)).irradiance.x;
+        let behind = at(-step * way, Vec3::Z, RAYS, patch(-step * way)).irradiance.x;
+        let measured = (ahead - behind) / (2.0 * step);
+        let foretold = here.translation[0].dot(way);
+        assert!(
+            (measured - foretold).abs() < 0.05 * measured.abs() + 0.02,
+            "moved {way}: {measured} and {foretold}"
+        );
+
+        let turned = |angle: f32| (Vec3::Z + angle * way).normalize();
+        let [ahead, behind] =
+            [step, -step].map(|a| at(Vec3::ZERO, turned(a), RAYS, patch(Vec3::ZERO)).irradiance.x);
+        let measured = (ahead - behind) / (2.0 * step);
+        let foretold = Vec3::Z.cross(way).dot(here.rotation[0]);
+        assert!(
+            (measured - foretold).abs() < 0.05 * measured.abs() + 0.02,
+            "turned {way}: {measured} and {foretold}"
+        );
+    }
+}
+
+fn sample(position: Vec3, irradiance: f32) -> GatherSample {
+    GatherSample {
+        position,
+        normal: Vec3::Y,
+        irradiance: Vec3::splat(irradiance),
+        mean_distance: 0.5,
+        rotation: [Vec3::ZERO; 3],
+        translation: [Vec3::X; 3],
+    }
+}
+
+/// D11, E50: exact at a sample, continuous between them, never undefined.
+#[test]
+fn interpolation_is_continuous() {
+    let mut random = Random::new(1, 0, 0);
+    let samples: Vec<_> =
+        (0..200).map(|_| sample(Vec3::new(random.f32(), 0.0, random.f32()), random.f32())).collect();
+    let mut scratch = SampleScratch::default();
+    for neighbours in [1, 3, 8, 32] {
+        let params = InterpolationParams { neighbours, ..InterpolationParams::new(1.0) };
+        let (index, _) = IrradianceSamples::new(&samples, &params);
+        for sample in &samples {
+            assert_eq!(index.irradiance(sample.position, Vec3::Y, &mut scratch).0, sample.irradiance);
+        }
+        for i in 0..100 {
+            let shares = index.shares(Vec3::splat(i as f32 * 0.3), Vec3::Y, &mut scratch);
+            let sum: f32 = shares.iter().map(|share| share.weight).sum();
+            assert!((sum - 1.0).abs() < 1e-5 && shares.len() <= neighbours as usize);
+        }
+        if neighbours > 1 {
+            // Along a line in tiny steps; a sample is a cusp at worst, never a jump.
+            let along = |i: u32| Vec3::new(i as f32 * 1e-4, 0.0, 0.37);
+            let values: Vec<f32> =
+                (0..10_000).map(|i| index.irradiance(along(i), Vec3::Y, &mut scratch).0.x).collect();
+            let jump = values.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f32::max);
+            assert!(jump < 0.05, "{neighbours} neighbours: a jump of {jump}");
+        }
+    }
+}
+
+#[test]
+fn interpolation_at_extremes() {
+    let mut scratch = SampleScratch::default();
+    let params = InterpolationParams::new(1.0);
+    let (none, _) = IrradianceSamples::new(&[], &params);
+    assert_eq!(none.irradiance(Vec3::ZERO, Vec3::Y, &mut scratch).0, Vec3::ZERO);
+    let (one, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, 3.0)], &params);
+    assert_eq!(one.irradiance(Vec3::X * 9.0, Vec3::NEG_Y, &mut scratch).0, Vec3::splat(3.0));
+    // All in one place, and all equally far.
+    let same = [sample(Vec3::ZERO, 2.0); 20];
+    let (index, _) = IrradianceSamples::new(&same, &params);
+    assert_eq!(index.irradiance(Vec3::X, Vec3::Y, &mut scratch).0, Vec3::splat(2.0));
+    let bad = GatherSample { irradiance: Vec3::splat(f32::NAN), ..same[0] };
+    assert_eq!(IrradianceSamples::new(&[bad, same[0]], &params).1, 1);
+    // All-miss and zero distances.
+    let far = GatherSample { mean_distance: f32::INFINITY, ..same[0] };
+    let near = GatherSample { mean_distance: 0.0, ..sample(Vec3::X, 1.0) };
+    for clamp_neighbours in [false, true] {
+        let params = InterpolationParams { clamp_neighbours, min_distance: 0.0, ..params };
+        let (index, _) = IrradianceSamples::new(&[far, near], &params);
+        assert!(index.irradiance(Vec3::X * 0.5, Vec3::Y, &mut scratch).0.is_finite());
+    }
+    // Gradients: to first order, and cut off at zero.
+    let params = InterpolationParams { gradients: true, neighbours: 1, ..params };
+    let (index, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, 1.0)], &params);
+    assert_eq!(index.irradiance(Vec3::X * 0.5, Vec3::Y, &mut scratch), (Vec3::splat(1.5), false));
+    assert_eq!(index.irradiance(Vec3::X * -2.0, Vec3::Y, &mut scratch), (Vec3::ZERO, true));
+}

@@ -7,12 +7,15 @@
 //! [`Records`]; a [`RecordGrid`] finds the records near a point, [`WeightParams`] weighs them, [`Selection`] takes the best three;
 //! [`MergedCuts`] interpolates their cuts and visibilities; [`sum_up`] adds up the light, with shadow rays as [`Visibility`] says.
 //! A point without a record is the host's, who falls back to an exact cut and counts it.
+//!
+//! [`Reconstruction`] is the peer method that the paper compares with: Walter et al.'s reconstruction cuts.
 
 mod cache;
 mod grid;
 mod interpolate;
 mod metric;
 mod placement;
+mod reconstruction;
 mod record;
 mod shade;
 mod streaming;
@@ -24,6 +27,7 @@ pub use grid::{ImageSite, RecordGrid};
 pub use interpolate::{Chosen, Hidden, InputCut, MergedCuts};
 pub use metric::{FirstNodes, Level, LevelMetric, Levels};
 pub use placement::{Placed, PlacementParams, PointImage, disagreeing, disagreement_radius, place};
+pub use reconstruction::{Impostor, Impostors, Reconstructed, Reconstruction, ReconstructionParams};
 pub use record::{Record, Records};
 pub use shade::{Lit, Visibility, sum_up};
 pub use streaming::Streaming;

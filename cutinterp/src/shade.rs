@@ -9,11 +9,14 @@ use crate::Chosen;
 pub enum Visibility {
     /// A shadow ray for every node that gives light. Nothing is blurred.
     Full,
-    /// A shadow ray where the records disagree, and the node matters: where it may be wrong by more than this share of the receiver's light,
-    /// half of the node's light at worst. 0: wherever they disagree. The authors name this as future work.
+    /// A shadow ray where the records disagree, which the authors name as future work, and where a node gives so much that not even their
+    /// agreement is taken for granted.
     Adaptive {
-        /// Dimensionless, at least 0.
+        /// Where records disagree: the share of the receiver's light by which a node may be wrong without a ray, half of the node's light at
+        /// worst. At least 0; 0 asks wherever they disagree.
         share: f32,
+        /// Where they agree: the share of the receiver's light that a node may give without a ray. At least 0; infinite trusts them.
+        trust: f32,
     },
     /// That of the records, and no ray.
     Interpolated,
@@ -48,20 +51,19 @@ pub fn sum_up(
             lit.radiance += f64::from(node.visibility) * light.as_dvec3();
         }
     }
-    let tolerated = match visibility {
-        Visibility::Full => 0.0,
-        Visibility::Adaptive { share } => f64::from(share) * lit.radiance.element_sum(),
+    let total = lit.radiance.element_sum();
+    let (tolerated, trusted) = match visibility {
+        Visibility::Full => (-1.0, 0.0),
+        Visibility::Adaptive { share, trust } => (f64::from(share) * total, f64::from(trust) * total),
         Visibility::Interpolated => return lit,
     };
     for (i, (node, light)) in chosen.iter().zip(unoccluded).enumerate() {
-        let (light, assumed) = (light.as_dvec3(), f64::from(node.visibility));
-        let (assumed, wanted) = if visibility == Visibility::Full {
-            (0.0, light != DVec3::ZERO)
-        } else {
-            let wrong = light.element_sum() * assumed.min(1.0 - assumed);
-            (assumed, wrong > tolerated)
-        };
-        if wanted {
+        let light = light.as_dvec3();
+        let assumed = if visibility == Visibility::Full { 0.0 } else { f64::from(node.visibility) };
+        let brightness = light.element_sum();
+        // No share of no light at all is no number, and asks for nothing.
+        let wanted = brightness * assumed.min(1.0 - assumed) > tolerated || brightness > trusted;
+        if wanted && brightness > 0.0 {
             lit.rays += 1;
             let seen = if occluded(i) { 0.0 } else { 1.0 };
             lit.radiance += (seen - assumed) * light;

@@ -180,8 +180,11 @@ proptest! {
         prop_assert_eq!(full.rays as usize, light.iter().filter(|&&l| l != Vec3::ZERO).count());
         let blurred = sum_up(Visibility::Interpolated, &chosen, &light, |_| unreachable!("no rays"));
         prop_assert!(close(blurred.radiance, sum(&|i| f64::from(chosen[i].visibility))));
-        let adaptive = sum_up(Visibility::Adaptive { share }, &chosen, &light, |i| blocked[i]);
+        let adaptive = sum_up(Visibility::Adaptive { share, trust: f32::INFINITY }, &chosen, &light, |i| blocked[i]);
         prop_assert!(adaptive.rays <= full.rays);
+        // Without any trust it is full visibility, if there is light to take shares of.
+        let wary = sum_up(Visibility::Adaptive { share, trust: 0.0 }, &chosen, &light, |i| blocked[i]);
+        prop_assert!(close(wary.radiance, full.radiance) && wary.rays == full.rays);
         if share == 0.0 {
             let agreed = |i: usize| chosen[i].visibility == 0.0 || chosen[i].visibility == 1.0;
             let seen = |i: usize| f64::from(if agreed(i) { chosen[i].visibility } else { f32::from(u8::from(!blocked[i])) });

@@ -4,11 +4,13 @@ mod cut;
 mod cutinterp;
 pub(crate) mod filter;
 mod lightcut;
+mod recon;
 mod split;
 
 pub(crate) use cut::{CutMethod, SharedCutMethod};
 pub(crate) use cutinterp::{CutInterpMethod, CutInterpParams, Show};
 pub(crate) use lightcut::{LightcutMethod, representatives};
+pub(crate) use recon::ReconMethod;
 pub(crate) use split::SplitMethod;
 
 use crate::failure::Failure;
@@ -28,6 +30,7 @@ pub(crate) enum Method {
     Lightcut,
     CutInterp,
     CutInterpVis,
+    Recon,
     Path,
 }
 
@@ -122,6 +125,26 @@ const LIGHTCUT_KEYS: [Key; 6] = [
     Key { default: "agglomerative", ..trees::BUILDER },
 ];
 
+const RECON_KEYS: [Key; 7] = [
+    Key { default: "0.01", ..LIGHTCUT_KEYS[0] },
+    LIGHTCUT_KEYS[1],
+    LIGHTCUT_KEYS[2],
+    LIGHTCUT_KEYS[3],
+    LIGHTCUT_KEYS[4],
+    Key {
+        name: "agree",
+        default: "0.01",
+        range: Range::Number(0.0, 1.0),
+        trades: "share of a point's light by which the corners' views of a cluster may differ and still be averaged: less of it, more shadow rays",
+    },
+    Key {
+        name: "largest",
+        default: "0.1",
+        range: Range::Number(0.000_001, 1.0),
+        trades: "largest share of a point's light that one averaged cluster may stand for",
+    },
+];
+
 const VISIBILITY: Key = Key {
     name: "visibility",
     default: "full",
@@ -129,18 +152,24 @@ const VISIBILITY: Key = Key {
     trades: "where shadows come from: a ray for each cluster, rays where the records disagree, or the records alone; each several times faster than the one before, and blurrier",
 };
 
-const CUTINTERP_KEYS: [Key; 14] = cutinterp_keys(VISIBILITY);
-const CUTINTERP_VIS_KEYS: [Key; 14] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY });
+const CUTINTERP_KEYS: [Key; 15] = cutinterp_keys(VISIBILITY);
+const CUTINTERP_VIS_KEYS: [Key; 15] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY });
 
 /// The dials of both names of the method.
-const fn cutinterp_keys(visibility: Key) -> [Key; 14] {
+const fn cutinterp_keys(visibility: Key) -> [Key; 15] {
     [
         visibility,
         Key {
             name: "ray_share",
-            default: "0.001",
+            default: "0.0001",
             range: Range::Number(0.0, 1.0),
             trades: "with visibility=adaptive, the share of a point's light that a cluster of doubtful visibility may get wrong without a ray: less of it, more rays",
+        },
+        Key {
+            name: "trust",
+            default: "0.002",
+            range: Range::Number(0.0, f32::INFINITY),
+            trades: "with visibility=adaptive, the share of a point's light that a cluster may give without a ray where all records agree about it: less of it, more rays",
         },
         // The paper's.
         Key { default: "0.01", ..LIGHTCUT_KEYS[0] },
@@ -193,7 +222,7 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 14] {
     ]
 }
 
-const ABOUT: [(Method, About); 11] = [
+const ABOUT: [(Method, About); 12] = [
     (
         Method::Brute,
         About {
@@ -285,6 +314,15 @@ const ABOUT: [(Method, About); 11] = [
         },
     ),
     (
+        Method::Recon,
+        About {
+            name: "recon",
+            what: "Reconstruction cuts: impostors of clusters averaged between the corners of image blocks, evaluated where they disagree (Walter et al. 2005).",
+            keys: &RECON_KEYS,
+            spp: 1,
+        },
+    ),
+    (
         Method::Path,
         About {
             name: "path",
@@ -296,7 +334,7 @@ const ABOUT: [(Method, About); 11] = [
 ];
 
 /// Of the names that scripts may know, those that this version does not build.
-const ELSEWHERE: [&str; 6] = ["ris", "cut-cdf", "cut-cdf-vis", "recon", "gather", "photoncut"];
+const ELSEWHERE: [&str; 5] = ["ris", "cut-cdf", "cut-cdf-vis", "gather", "photoncut"];
 
 impl Method {
     /// The method of that name.

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::time::Instant;
 
-use cutinterp::{LevelMetric, Levels, PlacementParams, Visibility, WeightParams};
+use cutinterp::{LevelMetric, Levels, PlacementParams, ReconstructionParams, Visibility, WeightParams};
 use lightcut::{LightcutParams, Representatives};
 use lighttree::{LightSampler, PowerSampler, TreeSampler, UniformSampler};
 use scene::{
@@ -15,8 +15,8 @@ use stochastic::EnergySpread;
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
-    CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, REPRESENTATIVES, SharedCutMethod,
-    Show, SplitMethod, representatives,
+    CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, REPRESENTATIVES, ReconMethod,
+    SharedCutMethod, Show, SplitMethod, representatives,
 };
 use crate::settings::Settings;
 use crate::trees::{self, Tree};
@@ -130,10 +130,10 @@ impl<'a> Stage<'a> {
                 Tool::Representatives(chosen)
             }
             (Method::Split, Some(tree)) => Tool::Spread(EnergySpread::of(tree)),
-            (Method::CutInterp | Method::CutInterpVis, Some(tree)) => {
+            (Method::CutInterp | Method::CutInterpVis | Method::Recon, Some(tree)) => {
                 let chosen =
                     representatives(tree, &lights, "random", plan.seed).map_err(|error| refuse(&error))?;
-                let metric = match plan.settings.text("metric") {
+                let metric = match plan.settings.find("metric").unwrap_or_default() {
                     "width" => LevelMetric::Log2Width,
                     "intensity" => LevelMetric::LogIntensity,
                     _ => LevelMetric::Depth,
@@ -181,7 +181,11 @@ impl<'a> Stage<'a> {
             (Tool::CutInterp(representatives, levels), Some(tree)) => {
                 let lightcut =
                     LightcutMethod { tree, representatives, params: lightcut_params(&plan.settings) };
-                shot.interpolated(lightcut, levels)
+                if plan.method == Method::Recon {
+                    shot.reconstructed(lightcut, levels)
+                } else {
+                    shot.interpolated(lightcut, levels)
+                }
             }
             (_, Some(tree)) if plan.method == Method::Tree => shot.sampled(TreeSampler::new(tree)),
             _ if plan.method == Method::Path => shot.direct(&NoDirect),
@@ -240,11 +244,29 @@ impl<P: Progress> Shot<'_, P> {
         }
     }
 
-    /// Places records before the picture is taken.
-    fn interpolated(&self, lightcut: LightcutMethod<'_>, levels: &Levels) -> Result<Rendered, Failure> {
+    /// Finds the cuts of the blocks' corners before the picture is taken.
+    fn reconstructed(&self, lightcut: LightcutMethod<'_>, levels: &Levels) -> Result<Rendered, Failure> {
+        self.has_pixels()?;
+        let frame = self.stage.frame(self.plan, &self.prepared.lights);
+        let number = |key| self.plan.settings.number(key).unwrap_or_default();
+        let dials = ReconstructionParams { threshold: number("agree"), largest: number("largest") };
+        let method = ReconMethod::prepare(&frame, self.stage.camera, self.params, lightcut, levels, dials);
+        let mut rendered = self.direct(&method)?;
+        rendered.counts.add(method.counts());
+        eprintln!("{} corners of {} bytes in all", method.corners(), method.bytes());
+        Ok(rendered)
+    }
+
+    fn has_pixels(&self) -> Result<(), Failure> {
         if self.params.width == 0 || self.params.height == 0 || self.params.spp == 0 {
             return Err(Failure::usage(scene::RenderError::Size.to_string()));
         }
+        Ok(())
+    }
+
+    /// Places records before the picture is taken.
+    fn interpolated(&self, lightcut: LightcutMethod<'_>, levels: &Levels) -> Result<Rendered, Failure> {
+        self.has_pixels()?;
         let frame = self.stage.frame(self.plan, &self.prepared.lights);
         let dials = cutinterp_params(&self.plan.settings)?;
         let method =
@@ -293,7 +315,7 @@ fn cutinterp_params(settings: &Settings) -> Result<CutInterpParams, Failure> {
     let number = |key| settings.number(key).unwrap_or_default();
     let visibility = match settings.text("visibility") {
         "full" => Visibility::Full,
-        "adaptive" => Visibility::Adaptive { share: number("ray_share") },
+        "adaptive" => Visibility::Adaptive { share: number("ray_share"), trust: number("trust") },
         _ => Visibility::Interpolated,
     };
     let weights = WeightParams { r_min: number("r_min"), r_max: number("r_max"), ..WeightParams::paper() };

@@ -3,7 +3,7 @@
 //! Before the picture, over all of it: the points that the camera sees in the first sample, records among them, and their exact
 //! lightcuts. All of that is the same for any number of threads; the picture then only looks it up.
 
-mod lights;
+pub(super) mod lights;
 mod show;
 mod stages;
 
@@ -232,8 +232,8 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             // Interpolate the cuts.
             let (merged, lights) = merges.get(selection.records(), |merged, lights| {
                 let hidden = match self.params.visibility {
-                    Visibility::Full => Hidden::Keep,
-                    _ => Hidden::Drop,
+                    Visibility::Interpolated => Hidden::Drop,
+                    _ => Hidden::Keep,
                 };
                 let [a, b, c] =
                     [0, 1, 2].map(|at| selection.records().get(at).map(|&id| self.records.cut(id)));
@@ -252,23 +252,20 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             unoccluded.extend(chosen.iter().map(|node| lights.unoccluded(frame, point, node.entry, counts)));
             counts.light_evaluations += chosen.len() as u64;
             self.stages.add(Stage::Shading, watch.lap());
+            if lights.any_with_area() && asks_lights_with_area(frame) {
+                for (node, light) in chosen.iter().zip(unoccluded.iter_mut()) {
+                    if let Some(id) = lights.with_area(node.entry) {
+                        let asked = transfer(frame, point, id, &mut lightcut.blockers, rays, counts);
+                        radiance[i] += (asked.arrived * lights.intensity(node.entry)).as_dvec3();
+                        *light = Vec3::ZERO;
+                    }
+                }
+            }
             let mut occluded = |entry: u32| {
                 let (segment, light) = lights.segment(frame, point, entry);
                 let blocker = &mut lightcut.blockers[light.0 as usize % REMEMBERED];
                 frame.rays.occluded_via(&segment, blocker, rays)
             };
-            if lights.any_with_area()
-                && self.params.visibility != Visibility::Full
-                && asks_lights_with_area(frame)
-            {
-                for (node, light) in chosen.iter().zip(unoccluded.iter_mut()) {
-                    if lights.has_area(node.entry) && *light != Vec3::ZERO {
-                        counts.shadow_rays += 1;
-                        let value = core::mem::take(light).as_dvec3();
-                        radiance[i] += if occluded(node.entry) { DVec3::ZERO } else { value };
-                    }
-                }
-            }
             let lit = cutinterp::sum_up(self.params.visibility, chosen, unoccluded, |at| {
                 occluded(chosen[at].entry)
             });
@@ -299,7 +296,7 @@ fn ids_of(selection: Option<&Selection>) -> [u32; 3] {
 }
 
 /// What the camera sees through the middle of nothing in particular: each pixel's first sample, as the renderer will take it.
-fn seen_points<Q: Geometry>(
+pub(super) fn seen_points<Q: Geometry>(
     frame: &Frame<'_, Q>,
     camera: &Camera,
     render: &RenderParams,

@@ -40,9 +40,15 @@ impl NodeLights {
         self.any_with_area
     }
 
-    /// Whether the light that speaks for a node has an area, so that each point asks another place on it.
-    pub(crate) fn has_area(&self, entry: u32) -> bool {
-        self.nodes[entry as usize].kind == Kind::Area
+    /// The light that speaks for a node, if it has an area, so that each point asks other places on it.
+    pub(crate) fn with_area(&self, entry: u32) -> Option<LightId> {
+        let node = &self.nodes[entry as usize];
+        (node.kind == Kind::Area).then_some(node.light)
+    }
+
+    /// RGB intensity of a node.
+    pub(crate) fn intensity(&self, entry: u32) -> Vec3 {
+        self.nodes[entry as usize].intensity
     }
 
     /// Looks up the representatives of `nodes`.
@@ -132,4 +138,23 @@ fn virtual_light(point: &ShadingPoint, node: &NodeLight, clamp: f32, counts: &mu
     }
     let scatter = point.bsdf.scatter(point.normal, point.wo, to * inverse);
     scatter * node.intensity * (kept * at_light * inverse * inverse_squared)
+}
+
+/// What lights a surface at `point` from one direction in place of the cluster whose representative is `light`, shadow aside.
+pub(crate) fn impostor<Q: Geometry>(
+    frame: &Frame<'_, Q>,
+    point: &ShadingPoint,
+    light: LightId,
+    intensity: Vec3,
+) -> cutinterp::Impostor {
+    let node = NodeLight { position: Vec3::ZERO, light, normal: Vec3::ZERO, kind: Kind::Area, intensity };
+    let (mut at, colour) = placed(frame, point, &node);
+    at.intensity = colour;
+    let Some((direction, squared)) = at.from(point.position) else { return cutinterp::Impostor::default() };
+    let toward = at.intensity_toward(-direction);
+    let full = point.contribution(&at);
+    let (clamped, _) = point.clamped_contribution(&at, frame.vpl_clamp);
+    let kept = if full == Vec3::ZERO { 1.0 } else { clamped.max_element() / full.max_element() };
+    let irradiance = toward * intensity * (f64::from(kept) / squared) as f32;
+    cutinterp::Impostor { direction, irradiance }
 }

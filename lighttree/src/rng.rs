@@ -202,6 +202,33 @@ impl Decisions {
         }
     }
 
+    /// One of `n` by their cumulative probabilities in 2^-31s: `n + 1` numbers that never fall, from 0 to 2^31. Keeps the
+    /// order as [`choose`](Self::choose) does; what is drawn has a positive probability, and exactly that one.
+    ///
+    /// To the bit: if anything was consumed, `value` is the next two words first. Entry `i` covers the values from
+    /// `cumulative[i] · 2^33` up to the next entry's; then `value` and `last` are relative to that.
+    ///
+    /// # Panics
+    /// If the numbers do not begin with 0 and end with 2^31.
+    #[inline]
+    pub fn choose_among(&mut self, cumulative: &[u32]) -> usize {
+        assert!(
+            cumulative.first() == Some(&0) && cumulative.last() == Some(&(1 << 31)),
+            "cumulative probabilities go from 0 to 2^31"
+        );
+        if self.last != u64::MAX {
+            self.refresh();
+        }
+        let at = (self.value >> 33) as u32;
+        let index = cumulative.partition_point(|&c| c <= at) - 1;
+        let (low, width) =
+            (u64::from(cumulative[index]), u64::from(cumulative[index + 1] - cumulative[index]));
+        self.value -= low << 33;
+        // A certain one keeps all of it.
+        self.last = (width << 33).wrapping_sub(1);
+        index
+    }
+
     /// A number in (0, 1), all that is known of it; the next 64 bits are fresh.
     ///
     /// `(value + 1/2) / (last + 1)` in f64, kept below 1.

@@ -12,28 +12,39 @@
 //! - [`Mixture`]: lights without a place beside those of a tree; [`Environment`]: an importance-sampled image around the scene.
 //! - [`LinkedTree`]: which lights may light which receivers; [`Signs`]: lights that take light away.
 //! - [`filter`]: SVGF and temporal anti-aliasing of what they draw.
+//! - [`CutCdf`]: a large cut shared by many receivers ([`SharedCut`]) and for each of them a distribution over its nodes ([`NodeCdf`]),
+//!   with what shadow rays have told about them ([`NodeLearning`]); [`BlockCdfs`] keeps all of it for a block of pixels.
+//! - [`resampled`]: several candidates, one kept.
 
 mod cut;
+mod cut_cdf;
 mod environment;
 pub mod filter;
 mod guarded;
 mod interleave;
 mod linking;
 mod mixture;
+mod node_estimate;
+mod ris;
 mod shared;
 mod signs;
 mod split;
 mod subtrees;
 mod two_level;
+mod visibility;
 
 pub use cut::{CutParams, CutSampler, Selection};
+pub use cut_cdf::{BlockCdfs, CutCdf, CutScratch, NodeCdf, NodeDraw, Prepared, ReceiverGroup, SharedCut};
 pub use environment::{Environment, EnvironmentError, EnvironmentSample, spread};
 pub use guarded::{Guard, SurfacePoint};
 pub use interleave::Interleave;
 pub use linking::{LinkError, LinkedTree, LinkedView};
 pub use mixture::{FixedShare, Mixture, PowerShare, Share, estimated_power};
+pub use node_estimate::{NodeEstimate, NodeRecords};
+pub use ris::{Resampled, resampled};
 pub use shared::{BlockGrid, SharedCuts};
 pub use signs::Signs;
 pub use split::{EnergySpread, SplitParams, SplitSampler};
 pub use subtrees::Subtrees;
 pub use two_level::{Keeps, LightInstance, LightMesh, TwoLevelError, TwoLevelSampler, TwoLevelTree};
+pub use visibility::NodeLearning;

@@ -1,16 +1,20 @@
 //! The methods of direct lighting that a user may choose between, and their dials.
 
 mod cut;
+mod cut_cdf;
 mod cutinterp;
 pub(crate) mod filter;
 mod lightcut;
 mod recon;
+mod ris;
 mod split;
 
 pub(crate) use cut::{CutMethod, SharedCutMethod};
+pub(crate) use cut_cdf::CutCdfMethod;
 pub(crate) use cutinterp::{CutInterpMethod, CutInterpParams, Show};
 pub(crate) use lightcut::{LightcutMethod, representatives};
 pub(crate) use recon::ReconMethod;
+pub(crate) use ris::RisMethod;
 pub(crate) use split::SplitMethod;
 
 use crate::failure::Failure;
@@ -27,6 +31,9 @@ pub(crate) enum Method {
     Split,
     Cut,
     SharedCut,
+    Ris,
+    CutCdf,
+    CutCdfVis,
     Lightcut,
     CutInterp,
     CutInterpVis,
@@ -222,7 +229,7 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 15] {
     ]
 }
 
-const ABOUT: [(Method, About); 12] = [
+const ABOUT: [(Method, About); 15] = [
     (
         Method::Brute,
         About {
@@ -287,6 +294,33 @@ const ABOUT: [(Method, About); 12] = [
         },
     ),
     (
+        Method::Ris,
+        About {
+            name: "ris",
+            what: "Several lights drawn by walks down the tree, and one kept by what it gives without shadows (Talbot et al. 2005).",
+            keys: &ris::KEYS,
+            spp: 16,
+        },
+    ),
+    (
+        Method::CutCdf,
+        About {
+            name: "cut-cdf",
+            what: "Lights drawn by a distribution over a large cut that a block of pixels shares, made anew for each pixel.",
+            keys: &cut_cdf::KEYS,
+            spp: 16,
+        },
+    ),
+    (
+        Method::CutCdfVis,
+        About {
+            name: "cut-cdf-vis",
+            what: "The same, with what shadow rays told about the nodes of the cut: the least noise for the time.",
+            keys: &cut_cdf::VIS_KEYS,
+            spp: 16,
+        },
+    ),
+    (
         Method::Lightcut,
         About {
             name: "lightcut",
@@ -334,7 +368,7 @@ const ABOUT: [(Method, About); 12] = [
 ];
 
 /// Of the names that scripts may know, those that this version does not build.
-const ELSEWHERE: [&str; 5] = ["ris", "cut-cdf", "cut-cdf-vis", "gather", "photoncut"];
+const ELSEWHERE: [&str; 2] = ["gather", "photoncut"];
 
 impl Method {
     /// The method of that name.

@@ -15,8 +15,8 @@ use stochastic::EnergySpread;
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
-    CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, REPRESENTATIVES, ReconMethod,
-    SharedCutMethod, Show, SplitMethod, representatives,
+    CutCdfMethod, CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, REPRESENTATIVES,
+    ReconMethod, RisMethod, SharedCutMethod, Show, SplitMethod, representatives,
 };
 use crate::settings::Settings;
 use crate::trees::{self, Tree};
@@ -187,7 +187,22 @@ impl<'a> Stage<'a> {
                     shot.interpolated(lightcut, levels)
                 }
             }
-            (_, Some(tree)) if plan.method == Method::Tree => shot.sampled(TreeSampler::new(tree)),
+            (_, Some(tree)) if plan.method == Method::Ris => {
+                let frame = self.frame(plan, &prepared.lights);
+                shot.direct(&Drawn(RisMethod::new(tree, &plan.settings, &frame)))
+            }
+            (_, Some(tree)) if matches!(plan.method, Method::CutCdf | Method::CutCdfVis) => {
+                let learn = plan.method == Method::CutCdfVis;
+                // Once, instead of at each step of a walk.
+                match tree {
+                    Tree::Oriented(tree) => {
+                        shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn)))
+                    }
+                    Tree::Perfect(tree) => {
+                        shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn)))
+                    }
+                }
+            }
             _ if plan.method == Method::Path => shot.direct(&NoDirect),
             _ => shot.direct(&BruteForce),
         }

@@ -1,0 +1,230 @@
+//! One cut for a block of pixels, a distribution for each pixel, and what is learned from one sample to the next.
+//!
+//! The camera samples of one pixel see nearly the same place, so a distribution made for the first of them serves the others,
+//! too, and costs next to nothing when there are many. Where a sample sees something else, at a silhouette, it gets another.
+//!
+//! # Why learning leaves no bias
+//! A pass is one camera sample of every pixel of the block. Passes are grouped into phases, which begin with pass 0, 1, 4, 16, 64 and so on;
+//! distributions take what was learned before their phase, and stay what they are until its end. So given all earlier phases a distribution is
+//! fixed, and as long as random numbers of a phase are independent of those before it, each sample is unbiased by itself. Within
+//! a phase the numbers of one pixel may be as regular as one likes; between phases they must not go on with the
+//! same sequence, for then a distribution would depend on numbers that are drawn from it.
+
+use glam::Vec3;
+use lighttree::{LightHierarchy, Receiver};
+
+use super::{CutScratch, NodeCdf, ReceiverGroup, SharedCut};
+use crate::NodeLearning;
+
+/// How many distributions a pixel has: what it sees first, and what else it sees.
+const WAYS: usize = 2;
+
+/// A phase ends when there are this many times as many passes as before it.
+const GROWTH: u32 = 4;
+
+/// Normals within this cosine share a distribution.
+const SAME_NORMAL: f32 = 0.95;
+
+/// Places share a distribution that are this much nearer than the lights: squared distance over squared distance.
+const SAME_PLACE: f64 = 0.01;
+
+/// A cut and the distributions of a block of pixels: (8 bytes × [`WAYS`] × pixels + 80) a node.
+#[derive(Debug, Default)]
+pub struct BlockCdfs {
+    cut: SharedCut,
+    scratch: CutScratch,
+    entries: Vec<Entry>,
+    learning: Option<Learning>,
+    /// Passes begun.
+    passes: u32,
+    /// Number of the pass with which the phase began.
+    phase: u32,
+    /// Distributions made, for those who count.
+    built: u64,
+}
+
+#[derive(Debug, Default)]
+struct Learning {
+    nodes: NodeLearning,
+    /// What to multiply estimates by in this phase; empty: 1.
+    factors: Vec<f32>,
+    defensive: f32,
+    /// Estimate × factor, before they become a distribution.
+    mixed: Vec<f32>,
+}
+
+/// The distribution of one receiver.
+#[derive(Debug, Default)]
+struct Entry {
+    position: Vec3,
+    normal: Vec3,
+    /// Squared distances below which places are the same.
+    same_squared: f64,
+    /// Phase that it was made in, plus 1; 0: not made.
+    phase: u32,
+    weights: Vec<f32>,
+    cdf: NodeCdf,
+}
+
+/// What a receiver draws from.
+#[derive(Clone, Copy, Debug)]
+pub struct Prepared<'a> {
+    /// The block's.
+    pub cut: &'a SharedCut,
+    /// The receiver's.
+    pub cdf: &'a NodeCdf,
+    /// Estimates that the distribution was made of, for [`BlockCdfs::learn`].
+    pub weights: &'a [f32],
+}
+
+impl BlockCdfs {
+    /// Forgets everything, and begins a block of so many pixels. With `learn`, what shadow rays find is learned, and this share of each distribution, in
+    /// [0, 1], stays without it.
+    pub fn begin(&mut self, pixels: usize, learn: Option<f32>) {
+        if self.entries.len() < WAYS * pixels {
+            self.entries.resize_with(WAYS * pixels, Entry::default);
+        }
+        for entry in &mut self.entries {
+            entry.phase = 0;
+        }
+        (self.passes, self.phase, self.built) = (0, 0, 0);
+        match (learn, &mut self.learning) {
+            (None, learning) => *learning = None,
+            (Some(defensive), learning) => learning.get_or_insert_default().defensive = defensive,
+        }
+    }
+
+    /// Begins the next pass, for these receivers: positions and normals. The first chooses the cut, of at most `nodes` nodes.
+    /// Returns whether it did.
+    pub fn begin_pass<T: LightHierarchy>(
+        &mut self,
+        tree: &T,
+        nodes: usize,
+        receivers: impl IntoIterator<Item = (Vec3, Vec3)>,
+    ) -> bool {
+        let is_first = self.passes == 0;
+        if is_first {
+            let Some(group) = ReceiverGroup::of(receivers) else { return false };
+            self.cut.select(tree, &group, nodes, &mut self.scratch);
+            if let Some(learning) = &mut self.learning {
+                learning.nodes.begin(self.cut.nodes().len());
+                learning.factors.clear();
+            }
+        }
+        if let Some(learning) = &mut self.learning
+            && self.passes == GROWTH.saturating_mul(self.phase).max(1)
+        {
+            self.phase = self.passes;
+            learning.nodes.factors(&mut learning.factors);
+        }
+        self.passes += 1;
+        is_first
+    }
+
+    /// How many passes of this phase came before this one. Where nothing is learned there is one phase.
+    pub const fn pass_of_phase(&self) -> u32 {
+        self.passes.saturating_sub(1).saturating_sub(self.phase)
+    }
+
+    /// The cut.
+    pub const fn cut(&self) -> &SharedCut {
+        &self.cut
+    }
+
+    /// Distributions made since [`begin`](Self::begin).
+    pub const fn built(&self) -> u64 {
+        self.built
+    }
+
+    /// The distribution of a receiver of the pixel with this number, below that given to [`begin`](Self::begin): one made before if the
+    /// receiver is about where that was, otherwise a new one.
+    ///
+    /// `normal` is the receiver's own, unit.
+    ///
+    /// # Panics
+    /// For a pixel beyond that number, or before the first pass.
+    pub fn prepare(
+        &mut self,
+        pixel: usize,
+        receiver: &(impl Receiver + ?Sized),
+        normal: Vec3,
+    ) -> Prepared<'_> {
+        let position = receiver.position();
+        let ways = &self.entries[WAYS * pixel..WAYS * (pixel + 1)];
+        let current = self.phase + 1;
+        let found = ways.iter().position(|entry| entry.phase == current && entry.serves(position, normal));
+        let index = WAYS * pixel
+            + found.unwrap_or_else(|| {
+                // In place of one that is out of date, or else of the second: the first is what most samples see.
+                ways.iter().position(|entry| entry.phase != current).unwrap_or(WAYS - 1)
+            });
+        if found.is_none() {
+            self.built += 1;
+            let entry = &mut self.entries[index];
+            let is_known = entry.phase != 0 && entry.serves(position, normal);
+            if !is_known {
+                let estimate = self.cut.records.estimate(receiver, &mut entry.weights);
+                entry.same_squared = SAME_PLACE / estimate.inverse_squared;
+                (entry.position, entry.normal) = (position, normal);
+            }
+            entry.phase = current;
+            match &mut self.learning {
+                Some(learning) if !learning.factors.is_empty() => {
+                    let mixed = learning.mix(&entry.weights);
+                    entry.cdf.build(mixed, true);
+                }
+                _ => entry.cdf.build(&entry.weights, true),
+            }
+        }
+        let Entry { cdf, weights, .. } = &self.entries[index];
+        Prepared { cut: &self.cut, cdf, weights }
+    }
+
+    /// Notes that a light was drawn from below this node. Must not be told of what was not drawn.
+    #[inline]
+    pub fn drawn(&mut self, node: usize) {
+        if let Some(learning) = &mut self.learning {
+            learning.nodes.drawn(node);
+        }
+    }
+
+    /// Notes what it gave: its contribution, 0 if it is not seen, ÷ its probability below the node ÷ the node's weight.
+    #[inline]
+    pub fn learn(&mut self, node: usize, ratio: f32) {
+        if let Some(learning) = &mut self.learning {
+            learning.nodes.gave(node, ratio);
+        }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let entry = |entry: &Entry| size_of::<Entry>() + 4 * entry.weights.capacity() + entry.cdf.bytes();
+        self.cut.bytes() + self.entries.iter().map(entry).sum::<usize>()
+    }
+}
+
+impl Entry {
+    fn serves(&self, position: Vec3, normal: Vec3) -> bool {
+        self.normal.dot(normal) >= SAME_NORMAL
+            && self.position.as_dvec3().distance_squared(position.as_dvec3()) <= self.same_squared
+    }
+}
+
+impl Learning {
+    /// Weights × factors, and the defensive share of the weights themselves.
+    fn mix(&mut self, weights: &[f32]) -> &[f32] {
+        let (mut plain, mut learned) = (0.0f32, 0.0f32);
+        for (w, f) in weights.iter().zip(&self.factors) {
+            plain += w;
+            learned += w * f;
+        }
+        let (own, rest) = if learned > 0.0 && learned < f32::INFINITY && plain < f32::INFINITY {
+            ((1.0 - self.defensive) * (plain / learned), self.defensive)
+        } else {
+            (0.0, 1.0)
+        };
+        self.mixed.clear();
+        self.mixed.extend(weights.iter().zip(&self.factors).map(|(w, f)| w * (own * f + rest)));
+        &self.mixed
+    }
+}

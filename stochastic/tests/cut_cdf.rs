@@ -1,0 +1,354 @@
+//! What must hold of distributions over shared cuts, of what is learned about them, and of resampled walks.
+
+mod common;
+
+use common::{floor_receiver, point_contribution, scattered};
+use glam::Vec3;
+use lighttree::conformance::{SamplerCheck, check_sampler};
+use lighttree::rng::{Decisions, Random, pcg4d};
+use lighttree::strategies::{self, AnyReceiver};
+use lighttree::{
+    BoundTerms, BuildParams, GgxReceiver, LambertReceiver, LightBounds, LightHierarchy, LightId,
+    LightSampler, LightTree, MortonBits, PerfectTree, Receiver, TreeSampler,
+};
+use proptest::prelude::*;
+use stochastic::{
+    BlockCdfs, CutCdf, CutScratch, NodeCdf, NodeRecords, Prepared, ReceiverGroup, Resampled, SharedCut,
+    resampled,
+};
+
+const MILLION: SamplerCheck = SamplerCheck { lights: 300, samples: 1_000_000, seed: 5, significance: 1e-4 };
+
+/// A cut for receivers around `position`.
+fn cut_near(tree: &impl LightHierarchy, position: Vec3, nodes: usize) -> SharedCut {
+    let group = ReceiverGroup::cell(position - 0.01, position + 0.01);
+    let mut cut = SharedCut::default();
+    cut.select(tree, &group, nodes, &mut CutScratch::default());
+    cut
+}
+
+fn cdf_of(cut: &SharedCut, receiver: &impl Receiver) -> NodeCdf {
+    let (mut weights, mut cdf) = (Vec::new(), NodeCdf::default());
+    cut.records().estimate(receiver, &mut weights);
+    cdf.build(&weights, false);
+    cdf
+}
+
+fn conforms<T: LightHierarchy>(
+    name: &str,
+    tree: &T,
+    nodes: usize,
+    receiver: &impl Receiver,
+    contribution: impl Fn(LightId) -> f64,
+) {
+    let cut = cut_near(tree, receiver.position(), nodes);
+    let cdf = cdf_of(&cut, receiver);
+    let sampler = CutCdf { walk: &TreeSampler::new(tree), cut: &cut, cdf: &cdf };
+    check_sampler(&sampler, receiver, contribution, &MILLION)
+        .unwrap_or_else(|e| panic!("{name} {nodes}: {e}"));
+}
+
+/// The probability that is reported is the one asked for and the one by which lights are drawn, for cuts of one node, some and all leaves.
+#[test]
+fn a_distribution_over_a_cut_conforms() {
+    let lights = scattered(MILLION.lights);
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let perfect = PerfectTree::build(&lights, MortonBits::default()).unwrap();
+    let receiver = floor_receiver(Vec3::new(0.4, 0.6, 0.2));
+    let contribution = |light: LightId| point_contribution(&lights[light.0 as usize], &receiver);
+    for nodes in [1, 37, 300] {
+        conforms("tree", &tree, nodes, &receiver, contribution);
+    }
+    conforms("perfect", &perfect, 37, &receiver, contribution);
+}
+
+#[test]
+fn so_it_does_on_glossy_surfaces() {
+    let lights = scattered(MILLION.lights);
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let position = Vec3::new(0.4, 0.6, 0.2);
+    let view = Vec3::new(1.0, 0.2, 0.15);
+    let receiver = GgxReceiver { position, normal: Vec3::Z, view, diffuse: 0.3, f0: 0.3, alpha: 0.1 };
+    conforms("glossy", &tree, 37, &receiver, |light| {
+        let light = &lights[light.0 as usize];
+        let offset = light.min.as_dvec3() - position.as_dvec3();
+        f64::from(light.intensity) * receiver.eval(offset) / offset.length_squared()
+    });
+}
+
+/// What a plain loop says about one node, in f64: the same formula, without lanes.
+fn estimate_by_hand(node: &LightBounds, receiver: &LambertReceiver) -> f64 {
+    let v = 0.5 * (node.min.as_dvec3() + node.max.as_dvec3()) - receiver.position.as_dvec3();
+    let half = 0.5 * (node.max.as_dvec3() - node.min.as_dvec3());
+    let n = receiver.normal.as_dvec3().normalize();
+    let effective = v.length_squared().max(0.5 * half.length_squared());
+    let (h, e) = (v.dot(n), half.dot(n.abs()) + 1e-9);
+    let above = if h >= e { h } else { (h + e).max(0.0).powi(2) / (4.0 * e) };
+    f64::from(node.intensity) * (above / effective.sqrt()).min(1.0) / effective
+}
+
+#[test]
+fn estimates_are_what_the_formula_says() {
+    let lights = scattered(500);
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let receiver = floor_receiver(Vec3::new(0.4, 0.6, 0.2));
+    let cut = cut_near(&tree, receiver.position, 61);
+    let mut weights = Vec::new();
+    let estimate = cut.records().estimate(&receiver, &mut weights);
+    let by_hand: Vec<_> =
+        cut.nodes().iter().map(|&node| estimate_by_hand(&tree.bounds(node), &receiver)).collect();
+    let total: f64 = by_hand.iter().sum();
+    assert_eq!(weights.len(), 61);
+    for (weight, by_hand) in weights.iter().zip(&by_hand) {
+        let (own, hand) = (f64::from(*weight) / estimate.total, by_hand / total);
+        assert!((own - hand).abs() <= 1e-4 * hand + 1e-6, "{own} instead of {hand}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    /// No light that may contribute is left out, whatever the scene, its scale and its place, the receiver and its kind.
+    #[test]
+    fn estimates_are_0_only_where_bounds_are(
+        lights in strategies::lights(1..12),
+        receiver in strategies::receiver(),
+        placement in strategies::scales(),
+    ) {
+        let lights: Vec<_> = lights.iter().map(|light| placement.bounds(light)).collect();
+        let root = lights.iter().fold(LightBounds::EMPTY, |a, b| a.union(b));
+        prop_assume!(root.intensity.is_finite());
+        let receiver = placed(receiver, &placement);
+        let mut records = NodeRecords::default();
+        records.begin(&root);
+        lights.iter().for_each(|light| records.push(light));
+        let (mut weights, mut cdf) = (Vec::new(), NodeCdf::default());
+        records.estimate(&receiver, &mut weights);
+        cdf.build(&weights, false);
+        for (i, light) in lights.iter().enumerate() {
+            let strength = BoundTerms::new(light, &receiver).strength;
+            prop_assert!(weights[i] >= 0.0 && weights[i].is_finite(), "{}", weights[i]);
+            prop_assert!(strength == 0.0 || weights[i] > 0.0, "left out: {light:?}, bound {strength:e}");
+            prop_assert_eq!(weights[i] > 0.0, cdf.probability(i) > 0.0);
+        }
+    }
+
+    /// Every light of the tree can be found, and probabilities are what draws report.
+    #[test]
+    fn draws_report_what_pmf_says(
+        lights in strategies::lights(1..40),
+        receiver in strategies::receiver(),
+        nodes in 1usize..50,
+        seed in 0u32..1000,
+    ) {
+        let Ok(tree) = LightTree::build(&lights, &BuildParams::default()) else { return Ok(()) };
+        let cut = cut_near(&tree, receiver.position(), nodes);
+        let cdf = cdf_of(&cut, &receiver);
+        let walk = TreeSampler::new(&tree);
+        let sampler = CutCdf { walk: &walk, cut: &cut, cdf: &cdf };
+        let total: f64 = (0..lights.len() as u32).map(|i| sampler.pmf(&receiver, LightId(i))).sum();
+        prop_assert!(total <= 1.0 + 1e-9, "{total}");
+        for i in 0..20 {
+            if let Some(sample) = sampler.sample(&receiver, &mut Decisions::new(Random::new(seed, i, 0))) {
+                let pmf = sampler.pmf(&receiver, sample.light);
+                prop_assert!((sample.pmf - pmf).abs() <= 1e-6 * pmf, "{} and {pmf}", sample.pmf);
+            }
+        }
+    }
+
+    /// Sums to 1, no node below its floor, none of weight 0 unless shared.
+    #[test]
+    fn distributions_are_whole(
+        mut weights in prop::collection::vec(prop_oneof![3 => 0.0f32..1.0, 1 => Just(0.0f32), 1 => 1e-38f32..1e38], 1..300),
+        odd in prop_oneof![Just(None), Just(Some(f32::INFINITY)), Just(Some(f32::NAN))],
+        shared: bool,
+    ) {
+        if let Some(odd) = odd {
+            weights[0] = odd;
+        }
+        let mut cdf = NodeCdf::default();
+        cdf.build(&weights, shared);
+        let counts = |w: f32| w > 0.0 && w < f32::INFINITY;
+        let possible = weights.iter().filter(|&&w| shared || counts(w)).count();
+        prop_assert_eq!(cdf.is_empty(), possible == 0);
+        let total: f64 = (0..weights.len()).map(|i| cdf.probability(i)).sum();
+        prop_assert!(possible == 0 || (total - 1.0).abs() < 1e-12, "{total}");
+        for (i, &w) in weights.iter().enumerate() {
+            let p = cdf.probability(i);
+            if shared || counts(w) {
+                prop_assert!(p >= 0.999 / 1024.0 / possible as f64, "{p}");
+            } else {
+                prop_assert_eq!(p, 0.0);
+            }
+        }
+    }
+}
+
+/// The receiver where `placement` moves the scene.
+fn placed(receiver: AnyReceiver, placement: &strategies::Placement) -> AnyReceiver {
+    let to = placement.position(receiver.position());
+    receiver.at(to)
+}
+
+/// Of each pass of a block with learning: the sum of its estimates ÷ the truth. `seen` says which lights are, by light and pass.
+fn learned_passes(seed: u32, passes: u32, lights: u32, seen: impl Fn(u32, u32) -> bool) -> Vec<f64> {
+    const PIXELS: u32 = 4;
+    let bounds = scattered(lights);
+    let tree = LightTree::build(&bounds, &BuildParams::default()).unwrap();
+    let walk = TreeSampler::new(&tree);
+    let receivers: Vec<_> =
+        (0..PIXELS).map(|i| floor_receiver(Vec3::new(0.4 + 0.002 * i as f32, 0.6, 0.2))).collect();
+    let mut block = BlockCdfs::default();
+    block.begin(receivers.len(), Some(0.1));
+    let each = |pass: u32| {
+        block.begin_pass(&tree, 24, receivers.iter().map(|r| (r.position, r.normal)));
+        let in_phase = block.pass_of_phase();
+        let (mut sum, mut truth, mut told) = (0.0, 0.0, Vec::new());
+        for (pixel, receiver) in receivers.iter().enumerate() {
+            let gives = |light: LightId| {
+                let all = point_contribution(&bounds[light.0 as usize], receiver);
+                if seen(light.0, pass) { all } else { 0.0 }
+            };
+            truth += (0..lights).map(|i| gives(LightId(i))).sum::<f64>();
+            let Prepared { cut, cdf, weights } = block.prepare(pixel, receiver, receiver.normal);
+            // As a renderer has it: a regular sequence within a phase, from a random start.
+            let [high, low, ..] = pcg4d([seed, pixel as u32, pass - in_phase, 9]);
+            let first = u64::from(high) << 32 | u64::from(low);
+            let first = first.wrapping_add(u64::from(in_phase).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            let mut random = Decisions::starting_with(first, Random::new(seed, pixel as u32, pass));
+            let draw = CutCdf { walk: &walk, cut, cdf }.draw(receiver, &mut random).unwrap();
+            let ratio = draw.sample.map_or(0.0, |sample| {
+                sum += gives(sample.light) / sample.pmf;
+                gives(sample.light) * draw.node_pmf / (sample.pmf * f64::from(weights[draw.node]))
+            });
+            told.push((draw.node, ratio as f32));
+        }
+        for (node, ratio) in told {
+            block.drawn(node);
+            block.learn(node, ratio);
+        }
+        sum / truth
+    };
+    (0..passes).map(each).collect()
+}
+
+/// Visibility that turns into its opposite as soon as it is learned makes noise, but no bias.
+#[test]
+fn what_was_learned_wrongly_leaves_no_bias() {
+    const RUNS: u32 = 3000;
+    let flips = |light: u32, pass: u32| light.is_multiple_of(2) == (pass < 4);
+    let (mut sum, mut squares) = ([0.0; 8], [0.0; 8]);
+    for seed in 0..RUNS {
+        for (pass, estimate) in learned_passes(seed, 8, 60, flips).into_iter().enumerate() {
+            sum[pass] += estimate;
+            squares[pass] += estimate * estimate;
+        }
+    }
+    let n = f64::from(RUNS);
+    for (sum, squares) in sum.iter().zip(squares) {
+        let mean = sum / n;
+        let error = ((squares / n - mean * mean) / n).sqrt();
+        assert!((mean - 1.0).abs() < 4.0 * error, "{mean} ± {error}");
+        assert!(error < 0.1, "too noisy to tell: {error}");
+    }
+}
+
+/// Where half of the lights are never seen, later passes have much less variance than the first.
+#[test]
+fn learning_pays() {
+    let (mut first, mut later) = (0.0, 0.0);
+    for seed in 0..200 {
+        let passes = learned_passes(seed, 96, 60, |light, _| light < 30);
+        let spread = |part: &[f64]| part.iter().map(|x| (x - 1.0).powi(2)).sum::<f64>() / part.len() as f64;
+        first += spread(&passes[..1]);
+        later += spread(&passes[64..]);
+    }
+    assert!(later < 0.7 * first, "{later} after learning, {first} before");
+}
+
+/// Bytes grow with pixels × nodes and stay what they are from block to block.
+#[test]
+fn a_block_has_a_bound() {
+    let lights = scattered(5000);
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let mut block = BlockCdfs::default();
+    let mut run = |shift: f32| {
+        block.begin(64, Some(0.1));
+        for _ in 0..5 {
+            let receiver = |i: u32| floor_receiver(Vec3::new(0.01 * i as f32 + shift, 0.5, 0.1));
+            block.begin_pass(&tree, 256, (0..64).map(|i| (receiver(i).position, receiver(i).normal)));
+            for i in 0..64 {
+                for aside in [0.0, 0.3, 0.6] {
+                    let mut receiver = receiver(i);
+                    receiver.position.y += aside;
+                    block.prepare(i as usize, &receiver, receiver.normal);
+                }
+            }
+        }
+        block.bytes()
+    };
+    let bytes = run(0.0);
+    let expected = 2 * 64 * 256 * 8 + 256 * 68;
+    assert!((expected..expected * 5 / 4).contains(&bytes), "{bytes} instead of {expected}");
+    assert_eq!((1..5).map(|i| run(0.1 * i as f32)).max(), Some(bytes));
+}
+
+/// No light, one light, all of them at one place with the receiver among them.
+#[test]
+fn small_and_degenerate_trees_are_no_trouble() {
+    let receiver = LambertReceiver { position: Vec3::ZERO, normal: Vec3::Z, albedo: 0.5 };
+    for lights in
+        [vec![], vec![LightBounds::point(Vec3::Z, 1.0)], vec![LightBounds::point(Vec3::ZERO, 1.0); 50]]
+    {
+        let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+        let cut = cut_near(&tree, receiver.position, 8);
+        let cdf = cdf_of(&cut, &receiver);
+        let walk = TreeSampler::new(&tree);
+        let sampler = CutCdf { walk: &walk, cut: &cut, cdf: &cdf };
+        let total: f64 = (0..lights.len() as u32).map(|i| sampler.pmf(&receiver, LightId(i))).sum();
+        assert!((total - if lights.is_empty() { 0.0 } else { 1.0 }).abs() < 1e-6, "{total}");
+        let drawn = sampler.sample(&receiver, &mut Decisions::new(Random::new(1, 2, 3)));
+        assert_eq!(drawn.is_some(), !lights.is_empty());
+    }
+}
+
+/// The mean over many draws is the sum, and the variance is below that of a plain walk.
+#[test]
+fn resampling_is_unbiased_and_pays() {
+    const DRAWS: u32 = 40_000;
+    let lights = scattered(300);
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let receiver = floor_receiver(Vec3::new(0.4, 0.6, 0.2));
+    let gives = |light: LightId| point_contribution(&lights[light.0 as usize], &receiver);
+    let truth: f64 = (0..300).map(|i| gives(LightId(i))).sum();
+    let walk = TreeSampler::new(&tree);
+    let mut variances = Vec::new();
+    for candidates in [1, 8] {
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for i in 0..DRAWS {
+            let mut random = Decisions::new(Random::new(3, i, candidates));
+            // A target that is wrong by a factor of up to 3, for steering is all it does.
+            let target = |light: LightId| gives(light) * f64::from(1 + light.0 % 3);
+            let kept = resampled(&walk, &receiver, candidates, target, &mut random);
+            let estimate = kept.map_or(0.0, |Resampled { light, weight }| gives(light) * weight) / truth;
+            sum += estimate;
+            squares += estimate * estimate;
+        }
+        let n = f64::from(DRAWS);
+        let (mean, variance) = (sum / n, squares / n - (sum / n).powi(2));
+        assert!((mean - 1.0).abs() < 4.0 * (variance / n).sqrt(), "{candidates} candidates: {mean}");
+        variances.push(variance);
+    }
+    assert!(variances[1] < variances[0], "{variances:?}");
+}
+
+#[test]
+fn bounding_boxes_of_groups_hold_their_receivers() {
+    let places = [Vec3::ZERO, Vec3::new(1.0, -2.0, 3.0)];
+    let group = ReceiverGroup::of(places.map(|p| (p, Vec3::Z))).unwrap();
+    assert_eq!(
+        (group.min, group.max, group.mean_normal),
+        (Vec3::new(0.0, -2.0, 0.0), Vec3::new(1.0, 0.0, 3.0), Vec3::Z)
+    );
+    assert_eq!(ReceiverGroup::of([]), None);
+}

@@ -109,6 +109,7 @@ fn measure<'a, D>(
         rays: &recorder,
         lights: frame.lights,
         seed: frame.seed,
+        light_seed: frame.light_seed,
         vpl_clamp: frame.vpl_clamp,
         area_lights: frame.area_lights,
         center: frame.center,

@@ -13,12 +13,12 @@ use stochastic::{CutParams, CutSampler, Selection};
 
 pub(crate) const SIZE: u32 = 96;
 
-/// Who looks for lamps.
+/// Who finds lamps: draws of lights, directions of the material, or both.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Find {
-    ByLights,
-    ByMaterial,
-    ByBoth,
+pub(crate) enum FoundBy {
+    Lights,
+    Material,
+    Both,
 }
 
 pub(crate) struct Triangle {
@@ -178,7 +178,7 @@ impl World {
 pub(crate) fn radiance(
     (world, sampler): (&World, &CutSampler<'_, LightTree>),
     (mut origin, mut direction): (Vec3, Vec3),
-    (bounces, find): (u32, Find),
+    (bounces, find): (u32, FoundBy),
     random: &mut Decisions,
     selection: &mut Selection,
 ) -> Vec3 {
@@ -192,8 +192,8 @@ pub(crate) fn radiance(
             let weight = match &last {
                 _ if !hit.front => 0.0,
                 None => 1.0,
-                Some(_) if find == Find::ByLights => 0.0,
-                Some(_) if find == Find::ByMaterial => 1.0,
+                Some(_) if find == FoundBy::Lights => 0.0,
+                Some(_) if find == FoundBy::Material => 1.0,
                 Some((from, by_material)) => {
                     let drawn = sampler.density(selection.nodes(), from, LightId(hit.triangle as u32)) as f32;
                     by_material
@@ -209,7 +209,7 @@ pub(crate) fn radiance(
 
         // One lamp from each subtree of a cut.
         sampler.select(&hit, selection);
-        if find != Find::ByMaterial {
+        if find != FoundBy::Material {
             sampler.subtrees(selection.nodes()).draw_each(&hit, random, |_, sample, random| {
                 let lamp = sample.light.0 as usize;
                 let numbers = random.stream();
@@ -218,7 +218,7 @@ pub(crate) fn radiance(
                 let to = (at - hit.at).normalize();
                 let value = hit.scatter(to) * world.triangles[lamp].radiance;
                 if density > 0.0 && value != Vec3::ZERO && world.visible(hit.at, at) {
-                    let by_material = if find == Find::ByBoth { hit.density(to) } else { 0.0 };
+                    let by_material = if find == FoundBy::Both { hit.density(to) } else { 0.0 };
                     sum += throughput * value / (density + by_material);
                 }
             });
@@ -260,7 +260,7 @@ fn main() -> std::io::Result<()> {
             sum += radiance(
                 (&world, &sampler),
                 camera_ray(x, y),
-                (4, Find::ByBoth),
+                (4, FoundBy::Both),
                 &mut random,
                 &mut selection,
             );

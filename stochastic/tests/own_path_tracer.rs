@@ -7,14 +7,14 @@ mod own_path_tracer;
 use glam::{DVec3, Vec3};
 use lighttree::LightTree;
 use lighttree::rng::{Decisions, Random};
-use own_path_tracer::{Find, Hit, World, camera_ray, cuts, radiance};
+use own_path_tracer::{FoundBy, Hit, World, camera_ray, cuts, radiance};
 use stochastic::Selection;
 
 const PIXELS: [(f32, f32); 6] =
     [(20.0, 70.0), (48.0, 80.0), (70.0, 60.0), (30.0, 50.0), (60.0, 30.0), (44.0, 58.0)];
 
 /// Mean and squared standard error of it, over `samples` paths.
-fn estimate(world: &World, pixel: (f32, f32), (bounces, find): (u32, Find), samples: u32) -> (f64, f64) {
+fn estimate(world: &World, pixel: (f32, f32), (bounces, find): (u32, FoundBy), samples: u32) -> (f64, f64) {
     let tree = LightTree::build(&world.triangles[..world.lamps], &Default::default()).unwrap();
     let (sampler, mut selection) = (cuts(&tree), Selection::default());
     let (mut sum, mut squares) = (0.0, 0.0);
@@ -59,7 +59,7 @@ fn direct_light_is_the_brute_sum() {
         let (_, hit) = world.trace(origin, direction).expect("the room is closed in front");
         assert!(hit.triangle >= world.lamps, "no lamp is in this pixel");
         let truth = brute_force(&world, &hit);
-        for find in [Find::ByLights, Find::ByBoth] {
+        for find in [FoundBy::Lights, FoundBy::Both] {
             let (mean, variance) = estimate(&world, pixel, (1, find), 1500);
             // Pieces at shadows' edges are all or nothing: a few thousandths.
             let tolerance = 4.0 * variance.sqrt() + 0.005 * truth;
@@ -74,8 +74,8 @@ fn paths_agree_whoever_finds_the_lamps() {
     let world = World::new(120);
     let mut noise = [0.0; 2];
     for pixel in PIXELS {
-        let (truth, its) = estimate(&world, pixel, (4, Find::ByMaterial), 8000);
-        for (find, noise) in [Find::ByLights, Find::ByBoth].into_iter().zip(&mut noise) {
+        let (truth, its) = estimate(&world, pixel, (4, FoundBy::Material), 8000);
+        for (find, noise) in [FoundBy::Lights, FoundBy::Both].into_iter().zip(&mut noise) {
             let (mean, variance) = estimate(&world, pixel, (4, find), 1000);
             let error = 4.0 * (variance + its).sqrt();
             assert!((mean - truth).abs() < error, "{pixel:?}: {mean} for {truth} ± {error}");

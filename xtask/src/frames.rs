@@ -98,7 +98,8 @@ impl Sequence<'_> {
         let camera = orbited(self.camera, rays, &self.plan.settings, frame);
 
         // Build its lights and take the picture.
-        let plan = Plan { seed: seed_of(self.plan.seed, frame), ..self.plan.clone() };
+        let seed = seed_of(self.plan.seed, frame);
+        let plan = Plan { seed, light_seed: seed, ..self.plan.clone() };
         let stage = Stage { scene, rays, camera: &camera };
         let prepared = stage.prepare(&plan)?;
         seconds.build_lights = prepared.seconds;
@@ -183,10 +184,11 @@ impl FrameReport {
     pub(crate) fn for_people(&self) -> String {
         let Seconds { build_rays, build_lights, render, .. } = self.seconds;
         format!(
-            "frame {}: {:.3} s (move {:.3}, rays {build_rays:.3}, lights {build_lights:.4}, render {render:.3}), {}",
+            "frame {}: {:.3} s (move {:.3}, rays {build_rays:.3}, lights {build_lights:.4} or {:.1} %, render {render:.3}), {}",
             self.frame,
             self.total(),
             self.moving,
+            100.0 * build_lights / self.total(),
             self.output.display()
         )
     }

@@ -91,7 +91,7 @@ fn summary(scene: &Scene, rays: &SceneRays, load: f64, build_rays: f64, trees: &
 /// One light tree, and how it turned out.
 fn tree(scene: &Scene, builder: &str) -> Result<Value, Failure> {
     let start = Instant::now();
-    let tree = Tree::build(builder, &scene.lights)
+    let tree = Tree::build(builder, &scene.lights, scene)
         .map_err(|error| Failure::failed(format!("{}: no light tree: {error}", scene.name)))?;
     let seconds = start.elapsed().as_secs_f64();
     let shape = Shape::of(&tree);

@@ -10,7 +10,7 @@ use scene::{
     BruteForce, Camera, DirectLighting, Drawn, Film, Frame, IndirectLighting, Light, NoDirect, NoIndirect,
     PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, WalkReport,
 };
-use stochastic::EnergySpread;
+use stochastic::{EnergySpread, TwoLevelSampler};
 
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
@@ -114,7 +114,7 @@ impl<'a> Stage<'a> {
         let needs_tree = plan.method.needs_tree() || plan.gi == Gi::Path;
         let build = || {
             let builder = plan.settings.find("builder").unwrap_or(trees::BUILDER.default);
-            Tree::build(builder, &lights)
+            Tree::build(builder, &lights, self.scene)
                 .map_err(|error| Failure::failed(format!("{name}: no light tree: {error}")))
         };
         let tree = needs_tree.then(build).transpose()?;
@@ -167,6 +167,9 @@ impl<'a> Stage<'a> {
             (Tool::Spread(spread), Some(tree)) => {
                 shot.direct(&Drawn(SplitMethod::new(tree, spread, &plan.settings)))
             }
+            (_, Some(Tree::TwoLevel(tree))) if plan.method == Method::Tree => {
+                shot.sampled(TwoLevelSampler::new(tree).with_choice(trees::choice(&plan.settings)))
+            }
             (_, Some(tree)) if plan.method == Method::Tree => {
                 shot.sampled(TreeSampler::new(tree).with_choice(trees::choice(&plan.settings)))
             }
@@ -199,6 +202,9 @@ impl<'a> Stage<'a> {
                         shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn)))
                     }
                     Tree::Perfect(tree) => {
+                        shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn)))
+                    }
+                    Tree::TwoLevel(tree) => {
                         shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn)))
                     }
                 }

@@ -1,23 +1,28 @@
 //! The light trees that a user may choose between, behind one type.
 
+mod two_level;
+
 use std::ops::Range;
 
 use lighttree::{
-    BuildError, BuildParams, ChildChoice, Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy,
-    LightId, LightTree, MortonBits, NodeId, PerfectTree,
+    BuildParams, ChildChoice, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, LightTree,
+    MortonBits, NodeId, PerfectTree,
 };
+
+use scene::{Light, Scene};
+use stochastic::TwoLevelTree;
 
 use crate::settings::{Key, Range as KeyRange, Settings};
 
 /// Names of the builders, as `--set builder=` takes them.
-pub(crate) const BUILDERS: [&str; 5] = ["saoh", "agglomerative", "median", "morton", "perfect"];
+pub(crate) const BUILDERS: [&str; 6] = ["saoh", "agglomerative", "median", "morton", "perfect", "two-level"];
 
 /// The key that every method with a tree has.
 pub(crate) const BUILDER: Key = Key {
     name: "builder",
     default: "saoh",
     range: KeyRange::OneOf(&BUILDERS),
-    trades: "how lights are clustered: agglomerative has the tightest clusters and the slowest build, then saoh, median, morton; perfect builds fastest and keeps no orientations",
+    trades: "how lights are clustered: agglomerative has the tightest clusters and the slowest build, then saoh, median, morton; perfect builds fastest and keeps no orientations; two-level is saoh for each mesh and over their instances, which share a mesh's tree",
 };
 
 /// The key that every method with walks has.
@@ -48,26 +53,32 @@ pub(crate) enum Tree {
     Oriented(LightTree),
     /// Without, over a Morton order.
     Perfect(PerfectTree),
+    /// A tree with cones for each mesh, and one over the instances.
+    TwoLevel(TwoLevelTree<LightTree>),
 }
 
 impl Tree {
-    /// Builds with the builder of that name.
+    /// Builds with the builder of that name, over the lights of `scene` or a list that begins with them.
     ///
     /// # Errors
-    /// The light that cannot be used.
+    /// A sentence about the light or the instance that cannot be used.
     ///
     /// # Panics
     /// For a name that is not in [`BUILDERS`].
-    pub(crate) fn build(builder: &str, lights: &[impl Emitter + Sync]) -> Result<Self, BuildError> {
+    pub(crate) fn build(builder: &str, lights: &[Light], scene: &Scene) -> Result<Self, String> {
         let params = match builder {
             "saoh" => BuildParams::saoh(),
             "agglomerative" => BuildParams::agglomerative(),
             "median" => BuildParams::median(),
             "morton" => BuildParams::morton(),
-            "perfect" => return PerfectTree::build(lights, MortonBits::SixtyThree).map(Self::Perfect),
+            "perfect" => {
+                let tree = PerfectTree::build(lights, MortonBits::SixtyThree);
+                return tree.map(Self::Perfect).map_err(|error| error.to_string());
+            }
+            "two-level" => return two_level::build(lights, scene).map(Self::TwoLevel),
             _ => panic!("`{builder}` is not a builder"),
         };
-        LightTree::build(lights, &params).map(Self::Oriented)
+        LightTree::build(lights, &params).map(Self::Oriented).map_err(|error| error.to_string())
     }
 
     /// Bytes held.
@@ -75,6 +86,9 @@ impl Tree {
         match self {
             Self::Oriented(tree) => tree.bytes(),
             Self::Perfect(tree) => tree.bytes(),
+            Self::TwoLevel(tree) => {
+                tree.bytes() + tree.meshes().iter().map(|mesh| mesh.tree().bytes()).sum::<usize>()
+            }
         }
     }
 
@@ -83,6 +97,9 @@ impl Tree {
         match self {
             Self::Oriented(tree) => tree.dropped(),
             Self::Perfect(tree) => tree.dropped(),
+            Self::TwoLevel(tree) => {
+                tree.light_count() as usize - tree.root().map_or(0, |root| tree.items(root).len())
+            }
         }
     }
 }
@@ -92,6 +109,7 @@ macro_rules! either {
         match $tree {
             Tree::Oriented($inner) => $answer,
             Tree::Perfect($inner) => $answer,
+            Tree::TwoLevel($inner) => $answer,
         }
     };
 }

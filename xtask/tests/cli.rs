@@ -195,6 +195,22 @@ fn frames_are_written_one_by_one() {
     }
 }
 
+/// Two levels of trees draw the same picture as one, for walks in mesh space and for cuts in world space.
+#[test]
+fn two_levels_draw_the_same_picture() {
+    let folder = folder();
+    let scene = ["cornell-lights:120", "--spp", "64"];
+    render(folder.path(), &[&scene[..], &["--method", "brute", "-o", "truth.exr"]].concat());
+    for (method, most) in [("tree", 0.02), ("lightcut", 0.002)] {
+        let error = |builder: &str| {
+            let method = ["--method", method, "--set", builder, "--reference", "truth.exr"];
+            render(folder.path(), &[&scene[..], &method].concat())["error"]["relmse"].as_f64().unwrap()
+        };
+        let (one, two) = (error("builder=saoh"), error("builder=two-level"));
+        assert!(two < most && two < 2.0 * one + 1e-4, "{method}: {two} in two levels, {one} in one");
+    }
+}
+
 #[test]
 fn a_camera_goes_round() {
     let folder = folder();

@@ -9,10 +9,13 @@
 //! | `wall` | a plain room that faces a wall of lights | virtual point lights |
 //! | `cornell-lights` | the Cornell box with 12 bodies that fly around in it | their emissive triangles |
 //! | `sun` | a courtyard under a moving sun | the virtual point lights that the sun makes, about |
+//! | `glass-cube` | a glass cube with a ring inside, and its caustic | one small quad |
+//! | `water` | waves over things under water, lit through them alone | one small quad |
 //!
-//! All but `cornell` take a count of lights after a colon, `hall:10000`; their brightness does not depend on it
-//! (`city` grows instead). The last two move: [`Scene::go_to_frame`].
+//! All but `cornell`, `glass-cube` and `water` take a count of lights after a colon, `hall:10000`; their brightness does not depend on it
+//! (`city` grows instead). `cornell-lights` and `sun` move: [`Scene::go_to_frame`].
 
+mod caustics;
 mod city;
 mod cornell;
 mod cornell_lights;
@@ -34,7 +37,7 @@ use crate::{Instance, Material, Mesh, Scene};
 
 /// Names and default counts of the built-in scenes, in the order in which they should be listed. A count of `None`
 /// means that the scene takes none.
-pub const BUILTIN_SCENES: [(&str, Option<usize>); 7] = [
+pub const BUILTIN_SCENES: [(&str, Option<usize>); 9] = [
     ("hall", Some(10_000)),
     ("cornell", None),
     ("city", Some(100_000)),
@@ -43,6 +46,8 @@ pub const BUILTIN_SCENES: [(&str, Option<usize>); 7] = [
     // As in Lin and Yuksel 2020, section 5.
     ("cornell-lights", Some(12_146)),
     ("sun", Some(100_000)),
+    ("glass-cube", None),
+    ("water", None),
 ];
 
 /// The largest count that a built-in scene takes: 20 million.
@@ -114,6 +119,8 @@ pub fn builtin(spec: &str) -> Result<Scene, BuiltinError> {
         "glossy" => glossy::glossy(count),
         "cornell-lights" => cornell_lights::cornell_lights(count),
         "sun" => sun::sun(count),
+        "glass-cube" => caustics::glass_cube(),
+        "water" => caustics::water(),
         _ => wall::wall(count),
     };
     let counts = format!("{} triangles, {} lights", scene.triangle_count(), scene.lights.len());

@@ -40,6 +40,19 @@ pub struct Arrival {
     pub through_specular: bool,
 }
 
+impl Arrival {
+    /// Whether the particle came from its light by mirrors and glass alone, at least one of them: what makes caustics (L S+ D).
+    pub const fn is_caustic(&self) -> bool {
+        self.bounce == 0 && self.through_specular
+    }
+
+    /// The flux as it counts towards irradiance on the shading normal, W per channel: photons lie on the triangle as densely as its own cosine says
+    /// (Veach 1997, section 5.3).
+    pub fn shading_flux(&self) -> Vec3 {
+        self.flux * shading_correction(&self.point, self.point.wo)
+    }
+}
+
 /// Where the power went, W, channels summed up. `emitted = absorbed + escaped + cut_off + roulette` to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkReport {

@@ -302,3 +302,29 @@ fn no_light_no_particles() {
         brute(&scene, &down_from(1.0, 0.5), &params(4, 4, 1)).film.pixels.iter().all(|&p| p == Vec3::ZERO)
     );
 }
+
+#[test]
+fn caustics_come_by_mirrors_and_glass_alone() {
+    let count = |name: &str| {
+        let scene = builtin(name).unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        let frame = Frame::new(&scene, &rays, &scene.lights, 1);
+        let paths = WalkParams { paths: 4000, bounces: 3, seed: 5 };
+        let (arrivals, report) = walk(&frame, &paths, |a| Some((a.is_caustic(), a.bounce, a.point.position)));
+        let spent = report.absorbed + report.escaped + report.cut_off + report.roulette;
+        assert!((report.emitted - spent).abs() < 1e-4 * report.emitted, "{name}: power is conserved");
+        assert!(arrivals.iter().all(|&(caustic, bounce, _)| !caustic || bounce == 0));
+        // Whatever lies under water is lit through it alone.
+        let direct_below =
+            arrivals.iter().filter(|(caustic, bounce, at)| !caustic && *bounce == 0 && at.y < 0.7);
+        (arrivals.iter().filter(|a| a.0).count(), direct_below.count())
+    };
+    assert_eq!(count("cornell").0, 0);
+    let (glass, _) = count("glass-cube");
+    assert!((200..3000).contains(&glass), "{glass} caustic photons of 4000");
+    let (water, direct_below) = count("water");
+    assert!(
+        water > 1000 && direct_below == 0,
+        "{water} caustic photons, {direct_below} that no water let through"
+    );
+}

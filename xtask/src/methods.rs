@@ -5,6 +5,7 @@ mod cut_cdf;
 mod cutinterp;
 pub(crate) mod filter;
 mod lightcut;
+mod photoncut;
 mod recon;
 mod ris;
 mod split;
@@ -13,6 +14,7 @@ pub(crate) use cut::{CutMethod, SharedCutMethod};
 pub(crate) use cut_cdf::CutCdfMethod;
 pub(crate) use cutinterp::{CutInterpMethod, CutInterpParams, Show};
 pub(crate) use lightcut::{LightcutMethod, representatives};
+pub(crate) use photoncut::{Maps, PhotonLight, Sparse};
 pub(crate) use recon::ReconMethod;
 pub(crate) use ris::RisMethod;
 pub(crate) use split::SplitMethod;
@@ -38,6 +40,8 @@ pub(crate) enum Method {
     CutInterp,
     CutInterpVis,
     Recon,
+    Gather,
+    PhotonCut,
     Path,
 }
 
@@ -229,7 +233,7 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 15] {
     ]
 }
 
-const ABOUT: [(Method, About); 15] = [
+const ABOUT: [(Method, About); 17] = [
     (
         Method::Brute,
         About {
@@ -357,18 +361,33 @@ const ABOUT: [(Method, About); 15] = [
         },
     ),
     (
+        Method::Gather,
+        About {
+            name: "gather",
+            what: "Photon maps and final gather at every camera sample, each ray's end looked up in all photons: slow, and what `photoncut` is measured against (Jensen 2001).",
+            keys: &photoncut::GATHER_KEYS,
+            spp: 1,
+        },
+    ),
+    (
+        Method::PhotonCut,
+        About {
+            name: "photoncut",
+            what: "Photon maps and final gather at a few thousand points, each ray's end looked up in a cut through the photons: all bounces and caustics (Wang et al. 2009).",
+            keys: &photoncut::PHOTONCUT_KEYS,
+            spp: 4,
+        },
+    ),
+    (
         Method::Path,
         About {
             name: "path",
             what: "Path tracing: each bounce samples one light down a light tree, with multiple importance sampling; the reference for --gi path.",
-            keys: &[trees::BUILDER],
+            keys: &[photoncut::DIRECT, trees::BUILDER],
             spp: 64,
         },
     ),
 ];
-
-/// Of the names that scripts may know, those that this version does not build.
-const ELSEWHERE: [&str; 2] = ["gather", "photoncut"];
 
 impl Method {
     /// The method of that name.
@@ -380,8 +399,7 @@ impl Method {
             return Ok(*method);
         }
         let names = ABOUT.iter().map(|(_, about)| about.name).collect::<Vec<_>>().join(", ");
-        let why = if ELSEWHERE.contains(&name) { "is not in this version" } else { "is unknown" };
-        Err(Failure::usage(format!("method `{name}` {why}: there are {names}")))
+        Err(Failure::usage(format!("method `{name}` is unknown: there are {names}")))
     }
 
     /// All of them, in the order in which people should hear of them.
@@ -436,7 +454,7 @@ fn describe(key: &Key) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{ABOUT, ELSEWHERE, Method};
+    use super::{ABOUT, Method};
     use crate::settings::Settings;
 
     #[test]
@@ -450,10 +468,10 @@ mod tests {
 
     #[test]
     fn a_missing_method_says_which_exist() {
-        for name in ELSEWHERE {
-            let line = Method::named(name).unwrap_err().to_string();
-            assert!(line.contains("not in this version") && line.contains("lightcut"), "{line}");
-        }
-        assert!(Method::named("nonsense").unwrap_err().to_string().contains("is unknown"));
+        let line = Method::named("nonsense").unwrap_err().to_string();
+        assert!(
+            line.contains("is unknown") && line.contains("lightcut") && line.contains("photoncut"),
+            "{line}"
+        );
     }
 }

@@ -235,6 +235,10 @@ impl LookArgs {
                 let line = "method `path` with --gi vpl: a path tracer finds indirect light itself; use --gi path, or another method";
                 return Err(Failure::usage(line));
             }
+            (Some(GiKind::Vpl | GiKind::Path), Method::Gather | Method::PhotonCut) => {
+                let line = "methods `gather` and `photoncut` find indirect light themselves; leave --gi out";
+                return Err(Failure::usage(line));
+            }
             (Some(GiKind::Vpl), _) => Gi::Vpl(self.vpls as usize),
             (Some(GiKind::Path), _) | (None, Method::Path) => Gi::Path,
             (Some(GiKind::None) | None, _) => Gi::None,

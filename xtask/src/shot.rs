@@ -15,8 +15,8 @@ use stochastic::{EnergySpread, TwoLevelSampler};
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
-    CutCdfMethod, CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Method, REPRESENTATIVES,
-    ReconMethod, RisMethod, SharedCutMethod, Show, SplitMethod, representatives,
+    CutCdfMethod, CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Maps, Method, PhotonLight,
+    REPRESENTATIVES, ReconMethod, RisMethod, SharedCutMethod, Show, Sparse, SplitMethod, representatives,
 };
 use crate::settings::Settings;
 use crate::trees::{self, Tree};
@@ -79,6 +79,7 @@ enum Tool {
     Power(PowerSampler),
     Representatives(Representatives),
     Spread(EnergySpread),
+    Photons(Box<Maps>),
     CutInterp(Representatives, Levels),
 }
 
@@ -88,6 +89,7 @@ impl Prepared<'_> {
         let beside = match &self.tool {
             Tool::Representatives(representatives) => representatives.bytes(),
             Tool::Spread(spread) => spread.bytes(),
+            Tool::Photons(maps) => maps.bytes(),
             Tool::CutInterp(representatives, levels) => representatives.bytes() + levels.bytes(),
             Tool::Nothing | Tool::Uniform(_) | Tool::Power(_) => 0,
         };
@@ -129,6 +131,11 @@ impl<'a> Stage<'a> {
                 let chosen = chosen.map_err(|error| refuse(&error))?;
                 Tool::Representatives(chosen)
             }
+            (Method::Gather | Method::PhotonCut, _) => {
+                let frame = self.frame(plan, &lights);
+                let maps = Maps::trace(&frame, plan.bounces, &plan.settings);
+                Tool::Photons(Box::new(maps.map_err(|error| refuse(&error))?))
+            }
             (Method::Split, Some(tree)) => Tool::Spread(EnergySpread::of(tree)),
             (Method::CutInterp | Method::CutInterpVis | Method::Recon, Some(tree)) => {
                 let chosen =
@@ -164,6 +171,7 @@ impl<'a> Stage<'a> {
                 let params = lightcut_params(&plan.settings);
                 shot.direct(&LightcutMethod { tree, representatives, params })
             }
+            (Tool::Photons(maps), Some(tree)) => shot.photons(maps, tree),
             (Tool::Spread(spread), Some(tree)) => {
                 shot.direct(&Drawn(SplitMethod::new(tree, spread, &plan.settings)))
             }
@@ -255,11 +263,12 @@ impl<P: Progress> Shot<'_, P> {
 
     fn direct(&self, direct: &impl DirectLighting<SceneRays>) -> Result<Rendered, Failure> {
         let of_paths = self.plan.method == Method::Path;
+        let direct_too = of_paths && self.plan.settings.find("direct") != Some("off");
         match &self.prepared.tree {
             Some(tree) if of_paths || self.plan.gi == Gi::Path => {
                 let bounces = if self.plan.gi == Gi::Path { self.plan.bounces } else { 0 };
                 let sampler = TreeSampler::new(tree);
-                self.take(direct, &PathTracer::new(&self.prepared.lights, sampler, bounces, of_paths))
+                self.take(direct, &PathTracer::new(&self.prepared.lights, sampler, bounces, direct_too))
             }
             _ => self.take(direct, &NoIndirect),
         }
@@ -295,6 +304,27 @@ impl<P: Progress> Shot<'_, P> {
         let mut rendered = self.direct(&method)?;
         rendered.counts.add(method.counts());
         eprintln!("{} records of {} bytes in all; {}", method.records(), method.bytes(), method.stages);
+        Ok(rendered)
+    }
+
+    /// Indirect light from photon maps; direct light by walks down the tree.
+    fn photons(&self, maps: &Maps, tree: &Tree) -> Result<Rendered, Failure> {
+        let settings = &self.plan.settings;
+        let frame = self.stage.frame(self.plan, &self.prepared.lights);
+        let sparse = (settings.find("clusters") == Some("on"))
+            .then(|| Sparse::gather(&frame, self.stage.camera, self.params, maps, settings))
+            .transpose()
+            .map_err(|error| Failure::failed(format!("{}: {error}", self.stage.scene.name)))?;
+        let indirect = PhotonLight::new(maps, sparse.as_ref(), settings, frame.radius);
+        let mut rendered = if settings.text("direct") == "on" {
+            let sampled = Sampled { sampler: TreeSampler::new(tree), samples: settings.whole("lights") };
+            self.take(&Drawn(sampled), &indirect)
+        } else {
+            self.take(&NoDirect, &indirect)
+        }?;
+        if let Some(sparse) = &sparse {
+            rendered.counts.add(&sparse.counts);
+        }
         Ok(rendered)
     }
 

@@ -155,6 +155,33 @@ impl Shapes {
         }
     }
 
+    /// A sheet over the rectangle from `min` to `max` (x and z), front upwards, `cells` quads along each side: `height` gives its height and slope.
+    pub(super) fn height_field(
+        &mut self,
+        min: Vec2,
+        max: Vec2,
+        cells: u32,
+        height: impl Fn(Vec2) -> (f32, Vec2),
+    ) {
+        let first = self.mesh.positions.len() as u32;
+        let columns = cells + 1;
+        for row in 0..=cells {
+            for column in 0..=cells {
+                let uv = Vec2::new(column as f32, row as f32) / cells as f32;
+                let at = min + (max - min) * uv;
+                let (y, slope) = height(at);
+                self.vertex(Vec3::new(at.x, y, at.y), Vec3::new(-slope.x, 1.0, -slope.y).normalize(), uv);
+            }
+        }
+        for row in 0..cells {
+            for column in 0..cells {
+                let a = first + row * columns + column;
+                let (b, c, d) = (a + 1, a + columns + 1, a + columns);
+                self.mesh.triangles.extend([[a, d, c], [a, c, b]]);
+            }
+        }
+    }
+
     fn vertex(&mut self, position: Vec3, normal: Vec3, uv: Vec2) {
         self.mesh.positions.push(position);
         self.mesh.normals.push(normal);

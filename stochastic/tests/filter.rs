@@ -264,6 +264,24 @@ fn the_filter_narrows_as_frames_accumulate() {
     assert!(errors[1] < 0.3 * errors[0] && errors[2] < 0.2 * errors[1], "{errors:?}");
 }
 
+/// Where noise is rare and bright, most pixels have seen none of it for some frames, and think that they know.
+#[test]
+fn more_frames_make_rare_noise_better_and_not_worse() {
+    let rare = |x, y, n| Vec3::splat(if Random::new(8, y * 4096 + x, n).f32() < 0.98 { 0.1 } else { 45.1 });
+    for mixing in MIXINGS {
+        let mut svgf = Svgf::new(SvgfParams { mixing, ..SvgfParams::default() }).unwrap();
+        let mut out = vec![Vec3::ZERO; 64 * 64];
+        let mut spread = Vec::new();
+        for n in 0..16 {
+            let picture = Picture::wall(64, 64, |x, y| rare(x, y, n));
+            svgf.filter(&picture.input(), &mut out).unwrap();
+            spread.push(variance(&out) / mean(&out).powi(2));
+        }
+        let late = spread[8..].iter().copied().fold(0.0, f64::max);
+        assert!(late < 0.7 * spread[0], "{mixing:?}: {spread:?}");
+    }
+}
+
 #[test]
 fn disocclusion_starts_anew() {
     let mut svgf = Svgf::new(SvgfParams { levels: 0, ..SvgfParams::default() }).unwrap();

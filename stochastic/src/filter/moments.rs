@@ -1,4 +1,4 @@
-//! Variance of luminance from a pixel's surroundings, where frames are too few to tell.
+//! Variance of luminance from a pixel's surroundings: where frames are too few to tell, and to make more of what they tell.
 //!
 //! Schied et al. 2017, section 4.2: the first two moments over 7 × 7 pixels, weighted by depth and normal. Differs from it: the
 //! variance is corrected for the number of pixels that it comes from, since of few it would be too small; and pixels are those
@@ -64,6 +64,43 @@ pub(super) fn around(
             let [weights, squares, first, second] = &sums;
             for x in 0..pixels.len() {
                 variance[start + x] = unbiased(weights[x], squares[x], first[x], second[x]);
+            }
+        }
+        0
+    });
+}
+
+/// The mean of `values` around each pixel, by the same weights: variances of single pixels over few frames say little where noise is rare and bright,
+/// for most pixels have not seen any of it.
+pub(super) fn pool(values: &Planes<1>, guides: &Guides, params: &SvgfParams, pooled: &mut Planes<1>) {
+    let (width, height) = (values.width(), values.height());
+    let stops = Stops::new(params);
+    pooled.resize(width, height);
+    pooled.fill(|y, [pooled]| {
+        for start in (0..width).step_by(STRIP) {
+            let pixels = start..width.min(start + STRIP);
+            let center = guides.strip(y, pixels.clone());
+            let mut sums = [[0.0f32; STRIP]; 2];
+            for j in -REACH..=REACH {
+                for i in -REACH..=REACH {
+                    let offset = Offset::new(i, j);
+                    let Some(pair) = overlap((width, height), y, &pixels, offset) else { continue };
+                    let (at, n) = (pair.own.start - start, pair.own.len());
+                    let p = center.part(at..at + n);
+                    let q = guides.strip(pair.row, pair.other.clone());
+                    let values = &values.row(pair.row)[0][pair.other][..n];
+                    let [weights, total] = sums.each_mut().map(|sums| &mut sums[at..][..n]);
+                    for x in 0..n {
+                        let stop = falloff(p.exponent(&q, x, offset, stops));
+                        let weight = if p.mesh[x] == q.mesh[x] { stop } else { 0.0 };
+                        weights[x] += weight;
+                        total[x] += weight * values[x];
+                    }
+                }
+            }
+            let [weights, total] = &sums;
+            for x in 0..pixels.len() {
+                pooled[start + x] = if weights[x] > 0.0 { total[x] / weights[x] } else { 0.0 };
             }
         }
         0

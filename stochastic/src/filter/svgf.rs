@@ -145,6 +145,7 @@ pub struct Svgf {
     steering: Steering,
     luminance: Planes<1>,
     around: Planes<1>,
+    pooled: Planes<1>,
 }
 
 impl Svgf {
@@ -166,6 +167,7 @@ impl Svgf {
             steering: Steering::default(),
             luminance: Planes::default(),
             around: Planes::default(),
+            pooled: Planes::default(),
         })
     }
 
@@ -179,8 +181,8 @@ impl Svgf {
         self.last_scale = None;
     }
 
-    /// Heap memory per pixel once a frame was seen, bytes: 14 words of guides and 14 of history, each for two frames, and 12 to work with.
-    pub const BYTES_PER_PIXEL: usize = 4 * (2 * 7 + 2 * 7 + 12);
+    /// Heap memory per pixel once a frame was seen, bytes: 7 words of guides and 7 of history, both for two frames, and 13 to work with.
+    pub const BYTES_PER_PIXEL: usize = 4 * (2 * 7 + 2 * 7 + 13);
 
     /// Heap memory, bytes.
     pub fn bytes(&self) -> usize {
@@ -194,6 +196,7 @@ impl Svgf {
             steering,
             luminance,
             around,
+            pooled,
             ..
         } = self;
         guides.bytes()
@@ -205,6 +208,7 @@ impl Svgf {
             + steering.bytes()
             + luminance.bytes()
             + around.bytes()
+            + pooled.bytes()
     }
 
     /// Filters the next frame into `out`, and remembers it. A frame of another size than the last starts anew.
@@ -213,7 +217,7 @@ impl Svgf {
     /// For slices of the wrong length, or no pixels. Nothing is changed then.
     pub fn filter(&mut self, input: &FilterInput<'_>, out: &mut [Vec3]) -> Result<FilterReport, FilterError> {
         input.check(out)?;
-        let Self { params, signal, other, guides, history, luminance, around, steering, .. } = self;
+        let Self { params, signal, other, guides, history, luminance, around, pooled, steering, .. } = self;
         let size = (input.width as usize, input.height as usize);
         let same_size = (history.width(), history.height()) == size;
 
@@ -244,15 +248,22 @@ impl Svgf {
             rescale: scale / last_scale,
         });
         let with_history = temporal::accumulate(input, signal, guides, last.as_ref(), params, history);
+        let (short, long) = temporal::lengths(history, params.least_frames);
+        pooled.resize(size.0, size.1);
+        if long {
+            temporal::variance(history, luminance);
+            moments::pool(luminance, guides, params, pooled);
+        }
         if m > 1 {
             around.fill(|y, [values]| {
                 values.copy_from_slice(signal.row(y)[illumination::VARIANCE]);
                 0
             });
-        } else if temporal::is_short(history, params.least_frames) {
+        } else if short {
             moments::around(signal, guides, 1, params, luminance, around);
         }
-        temporal::take(history, Some(&*around), params, signal);
+        around.resize(size.0, size.1);
+        temporal::take(history, pooled, around, params, signal);
 
         // Smooth, level by level.
         for level in 0..params.levels {

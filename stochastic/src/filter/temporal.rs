@@ -4,6 +4,8 @@
 //! - Motion knows the change of depth as well, so that depths are compared with what they should be, not with what they were.
 //! - The variance is that of the mean, not of one frame: the moments' own, corrected for how few frames they come from, times the sum of squared
 //!   weights of the frames in the mean. So the filter narrows as frames accumulate.
+//! - It is pooled over 7 × 7 pixels. A pixel's own variance over a few frames is tiny wherever no bright sample came yet, and steering by it
+//!   makes pictures worse with every frame, as we measured: noise of light samples is rare and bright.
 
 use glam::{Vec2, Vec3};
 
@@ -162,28 +164,45 @@ impl Mean {
     }
 }
 
-/// Puts the accumulated colours into `signal`, and as variances those of the frames, where they are enough, or else `around` divided by their number.
-pub(super) fn take(history: &History, around: Option<&Planes<1>>, params: &SvgfParams, signal: &mut Signal) {
-    signal.fill(|y, planes| {
-        let [r, g, b, first, second, squares, frames] = history.row(y);
-        for x in 0..r.len() {
-            [planes[0][x], planes[1][x], planes[2][x]] = [r[x], g[x], b[x]];
-            let few = frames[x] < params.least_frames as f32;
-            planes[VARIANCE][x] = match around {
-                Some(around) if few => around.row(y)[0][x] * squares[x],
-                _ => {
-                    let one = (second[x] - first[x] * first[x]).max(0.0);
-                    if frames[x] > 1.0 { one * squares[x] * frames[x] / (frames[x] - 1.0) } else { 0.0 }
-                }
-            };
+/// Fills `variance` with that of each pixel's mean over time; 0 for pixels of a single frame.
+pub(super) fn variance(history: &History, variance: &mut Planes<1>) {
+    variance.resize(history.width(), history.height());
+    variance.fill(|y, [variance]| {
+        let [_, _, _, first, second, squares, frames] = history.row(y);
+        for x in 0..variance.len() {
+            let one = (second[x] - first[x] * first[x]).max(0.0);
+            variance[x] =
+                if frames[x] > 1.0 { one * squares[x] * frames[x] / (frames[x] - 1.0) } else { 0.0 };
         }
         0
     });
 }
 
-/// Whether any pixel of the history has fewer than `frames` frames.
-pub(super) fn is_short(history: &History, frames: u32) -> bool {
-    (0..history.height()).any(|y| history.row(y)[FRAMES].iter().any(|&count| count < frames as f32))
+/// Puts the accumulated colours into `signal`, and as variance `over_time` where frames are enough, or else that `around` divided by their number.
+pub(super) fn take(
+    history: &History,
+    over_time: &Planes<1>,
+    around: &Planes<1>,
+    params: &SvgfParams,
+    signal: &mut Signal,
+) {
+    signal.fill(|y, planes| {
+        let [r, g, b, _, _, squares, frames] = history.row(y);
+        for x in 0..r.len() {
+            [planes[0][x], planes[1][x], planes[2][x]] = [r[x], g[x], b[x]];
+            let few = frames[x] < params.least_frames as f32;
+            planes[VARIANCE][x] = if few { around.row(y)[0][x] * squares[x] } else { over_time.row(y)[0][x] };
+        }
+        0
+    });
+}
+
+/// Whether some pixels of the history have fewer than `frames` frames, and whether some have as many.
+pub(super) fn lengths(history: &History, frames: u32) -> (bool, bool) {
+    let any = |is: &dyn Fn(f32) -> bool| {
+        (0..history.height()).any(|y| history.row(y)[FRAMES].iter().any(|&count| is(count)))
+    };
+    (any(&|count| count < frames as f32), any(&|count| count >= frames as f32))
 }
 
 /// Replaces the colours of the history by filtered ones.

@@ -4,13 +4,13 @@
 use std::hint::black_box;
 use std::time::Duration;
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use glam::Vec3;
 use lighttree::rng::{Decisions, Random};
 use lighttree::{
-    BuildParams, ChildChoice, GeometricBound, GgxReceiver, LambertReceiver, LightBounds, LightId,
-    LightSampler, LightTree, MortonBits, NodeBound, PerfectTree, PhongReceiver, PowerSampler, Receiver,
-    TreeSampler, UniformSampler,
+    BuildParams, ChildChoice, GeometricBound, GgxReceiver, LambertReceiver, LightBounds, LightHierarchy,
+    LightId, LightSampler, LightTree, MortonBits, NodeBound, PerfectTree, PhongReceiver, PowerSampler,
+    Receiver, TreeSampler, UniformSampler, Walks,
 };
 
 fn vec3(random: &mut Random) -> Vec3 {
@@ -106,6 +106,99 @@ fn sample(c: &mut Criterion) {
     }
 }
 
+/// Receivers of one call: the points of a tile.
+const TILE: usize = 64;
+
+/// A table of CPU times, each the best of its rounds: one walk after the other, and many at once.
+fn table() {
+    println!(
+        "{:>9} {:<14}{:>8}{:>8}{:>8}{:>8}{:>12}",
+        "lights", "ns a sample", "alone", "1 each", "4 each", "8 each", "visits at 8"
+    );
+    let points = receivers();
+    let glossy: Vec<_> = points
+        .iter()
+        .map(|point| GgxReceiver {
+            position: point.position,
+            normal: point.normal,
+            view: (point.normal + 0.5 * Vec3::Y).normalize(),
+            diffuse: 0.4,
+            f0: 0.04,
+            alpha: 0.1,
+        })
+        .collect();
+    for lights in [1_000, 30_000, 1_000_000] {
+        let scattered = scattered(lights);
+        let panel = |(i, light): (u32, &LightBounds)| {
+            let axis = (vec3(&mut Random::new(4, i, 0)) - 0.5).normalize_or(Vec3::Z);
+            LightBounds::surface(light.min, light.min, axis, false, light.intensity)
+        };
+        let panels: Vec<_> = (0..).zip(&scattered).map(panel).collect();
+        let perfect = PerfectTree::build(&scattered, MortonBits::default()).expect("valid lights");
+        let tree = LightTree::build(&scattered, &BuildParams::default()).expect("valid lights");
+        let panels = LightTree::build(&panels, &BuildParams::default()).expect("valid lights");
+        row(lights, "perfect", &perfect, &points);
+        row(lights, "points", &tree, &points);
+        row(lights, "panels", &panels, &points);
+        row(lights, "panels, ggx", &panels, &glossy);
+    }
+}
+
+fn row<T: LightHierarchy, R: Receiver>(lights: u32, name: &str, tree: &T, receivers: &[R]) {
+    let sampler = TreeSampler::new(tree);
+    let alone = least(|round| {
+        for (i, receiver) in receivers.iter().enumerate() {
+            let mut random = Decisions::new(Random::new(1, i as u32, round));
+            black_box(sampler.sample(receiver, &mut random));
+        }
+        receivers.len()
+    });
+    print!("{lights:>9} {name:<14}{alone:>8.0}");
+    let mut walks = Walks::default();
+    let mut visits = 0.0;
+    for count in [1, 4, 8] {
+        let mut out = vec![None; TILE * count];
+        let mut each = |round| {
+            let mut visits = 0;
+            for (i, tile) in receivers.chunks_exact(TILE).enumerate() {
+                let mut streams: [_; TILE] =
+                    core::array::from_fn(|j| Random::new(1, (TILE * i + j) as u32, round));
+                visits += sampler.sample_each(tile, &mut streams, &mut walks, &mut out);
+                black_box(&out);
+            }
+            visits
+        };
+        visits = each(0) as f64 / (receivers.len() * count) as f64;
+        let time = least(|round| {
+            each(round);
+            receivers.len() * count
+        });
+        print!("{time:>8.0}");
+    }
+    println!("{visits:>12.1}");
+}
+
+/// Least CPU time, ns, of 7 rounds of `run`, which says how many samples it took.
+fn least(mut run: impl FnMut(u32) -> usize) -> f64 {
+    let once = |round| {
+        let start = cpu_time();
+        let count = run(round);
+        (cpu_time() - start).as_secs_f64() * 1e9 / count as f64
+    };
+    (0..7).map(once).fold(f64::INFINITY, f64::min)
+}
+
+/// The CPU time of this thread, since others share the machine; the time of day where there is no such clock.
+fn cpu_time() -> Duration {
+    #[cfg(unix)]
+    {
+        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.try_into().expect("less than 10^9"))
+    }
+    #[cfg(not(unix))]
+    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
+}
+
 /// What asking for a probability costs, for multiple importance sampling.
 struct Pmf<'a, S>(&'a S, u32);
 
@@ -124,4 +217,12 @@ criterion_group! {
     config = Criterion::default().sample_size(20).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(600));
     targets = bound, sample
 }
-criterion_main!(benches);
+
+fn main() {
+    table();
+    if std::env::var("LIGHTTREE_BENCH").is_ok_and(|only| only == "table") {
+        return;
+    }
+    benches();
+    Criterion::default().configure_from_args().final_summary();
+}

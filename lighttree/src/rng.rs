@@ -151,9 +151,7 @@ impl Decisions {
     /// True with probability `first / 2^32`, exactly; false with the rest.
     #[inline]
     pub fn choose(&mut self, first: u32) -> bool {
-        // (last + 1) · first, with one multiplication.
-        let split = u128::from(self.last) * u128::from(first) + u128::from(first);
-        let (whole, part) = ((split >> 32) as u64, split as u32);
+        let (whole, part) = split(self.last, first);
         let chosen = match self.value.cmp(&whole) {
             core::cmp::Ordering::Less => {
                 self.last = whole - 1;
@@ -243,6 +241,14 @@ impl Decisions {
         self.value = self.fresh.u64();
         self.last = u64::MAX;
     }
+}
+
+/// `whole` and `part` of a choice with probability `first / 2^32` among `0..=last`; see [`Decisions`]. `whole` is at most `last`.
+#[inline]
+pub(crate) fn split(last: u64, first: u32) -> (u64, u32) {
+    // (last + 1) · first, with one multiplication.
+    let split = u128::from(last) * u128::from(first) + u128::from(first);
+    ((split >> 32) as u64, split as u32)
 }
 
 /// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor` (at

@@ -17,39 +17,22 @@
 //! - No trail of turns is stored with a light: the way down to it is found by item ranges, so depth has no
 //!   limit.
 
+mod choice;
+mod many;
 mod pair;
 
 use core::ops::Range;
 
 use glam::Vec3;
 
-use self::pair::{Viewpoint, Weighed};
+pub use self::choice::ChildChoice;
+use self::choice::{FLOOR, Fork};
+pub use self::many::Walks;
+use self::pair::{Siblings, Viewpoint, Weighed, weigh};
 use crate::rng::{Decisions, probability, quantized};
-use crate::{BoundTerms, LightBounds, LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver};
-
-/// How the probabilities of two children follow from their bounds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum ChildChoice {
-    /// Mean of the probabilities at the nearest and at the farthest distance (Lin and Yuksel 2020, eq. 1 and
-    /// 2). If the receiver is in one box, its near probability is 1; if in both, the near pair ignores
-    /// distance.
-    #[default]
-    MinMaxAverage,
-    /// Nearest distance; none at all if the receiver is nearer to either box than its diagonal (Yuksel 2019).
-    Yuksel2019,
-    /// Distance to the boxes' centres.
-    Center,
-    /// The [`GeometricBound`](crate::GeometricBound) itself: nearest distance, whatever the size of the box.
-    Upper,
-}
-
-impl ChildChoice {
-    /// All of them, for tests and tables.
-    pub const ALL: [Self; 4] = [Self::MinMaxAverage, Self::Yuksel2019, Self::Center, Self::Upper];
-}
-
-/// Neither of two children that may contribute is less probable than this many 2^-32s.
-const FLOOR: u32 = 1 << 16;
+use crate::{
+    BoundTerms, LightBounds, LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver, Toward,
+};
 
 /// Draws one light by one walk down a light tree.
 ///
@@ -130,7 +113,7 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         if self.tree.bounds(node).intensity == 0.0 {
             return (None, 0);
         }
-        let viewpoint = Viewpoint::new(receiver, &self.root);
+        let viewpoint = self.viewpoint(receiver);
         let (mut node, mut pmf, mut visited) = (node, 1.0, 0);
         loop {
             let children = self.tree.children(node);
@@ -140,9 +123,9 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
                 2 => {
                     visited += 2;
                     let first = match self.first_of_two(children.start, viewpoint.as_ref(), receiver) {
-                        Pair::Dead => return (None, visited),
-                        Pair::Only(first) => first,
-                        Pair::Either(q) => {
+                        Fork::Dead => return (None, visited),
+                        Fork::Only(first) => first,
+                        Fork::Either(q) => {
                             let first = random.choose(q);
                             pmf *= if first { probability(q) } else { 1.0 - probability(q) };
                             first
@@ -185,7 +168,7 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         if self.tree.bounds(node).intensity == 0.0 {
             return 0.0;
         }
-        let viewpoint = Viewpoint::new(receiver, &self.root);
+        let viewpoint = self.viewpoint(receiver);
         let (mut node, mut pmf) = (node, 1.0);
         loop {
             let children = self.tree.children(node);
@@ -208,7 +191,7 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         receiver: &(impl Receiver + ?Sized),
         mut each: impl FnMut(LightId, f64),
     ) {
-        let viewpoint = Viewpoint::new(receiver, &self.root);
+        let viewpoint = self.viewpoint(receiver);
         let mut open: Vec<(NodeId, f64)> = self.tree.root().map(|root| (root, 1.0)).into_iter().collect();
         while let Some((node, pmf)) = open.pop() {
             let children = self.tree.children(node);
@@ -267,24 +250,45 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         first: u32,
         viewpoint: Option<&Viewpoint>,
         receiver: &(impl Receiver + ?Sized),
-    ) -> Pair {
-        // Not by `map`, which the optimiser leaves as calls that pass their results through memory.
-        let (a, b) = (self.tree.bounds(NodeId(first)), self.tree.bounds(NodeId(first + 1)));
-        if let Some(viewpoint) = viewpoint
-            && let Some(weighed) = viewpoint.weigh(&a, &b, receiver)
-        {
-            let least = self.least_distance_squared * viewpoint.scale_squared;
-            return Pair::new(weighed.strength, || self.choice.first_of_weighed(&weighed, least));
+    ) -> Fork {
+        let (a, b) = self.siblings(NodeId(first));
+        if let Some(viewpoint) = viewpoint {
+            let pair = Siblings { viewpoint, first: &a, second: &b };
+            let both = weigh([&pair; 2], |node| {
+                receiver.scatter_importance(&Toward::new(receiver.position(), node.min, node.max))
+            });
+            if let Some(weighed) = both.of::<0>(&pair) {
+                return self.fork(viewpoint, &weighed);
+            }
         }
         self.first_of_two_in_f64(&[a, b], receiver)
+    }
+
+    /// The bounds of a node and of the next.
+    #[inline(always)]
+    fn siblings(&self, first: NodeId) -> (LightBounds, LightBounds) {
+        // Not by `map`, which the optimiser leaves as calls that pass their results through memory.
+        (self.tree.bounds(first), self.tree.bounds(NodeId(first.0 + 1)))
+    }
+
+    #[inline(always)]
+    fn fork(&self, viewpoint: &Viewpoint, weighed: &Weighed) -> Fork {
+        Fork::new(weighed.strength, || {
+            self.choice.first_of_weighed(weighed, f64::from(viewpoint.least_squared))
+        })
+    }
+
+    #[inline]
+    fn viewpoint(&self, receiver: &(impl Receiver + ?Sized)) -> Option<Viewpoint> {
+        Viewpoint::new(receiver, &self.root, self.least_distance_squared)
     }
 
     /// The same to the last digit, where f32 has not enough of them.
     #[cold]
     #[inline(never)]
-    fn first_of_two_in_f64(&self, pair: &[LightBounds; 2], receiver: &(impl Receiver + ?Sized)) -> Pair {
+    fn first_of_two_in_f64(&self, pair: &[LightBounds; 2], receiver: &(impl Receiver + ?Sized)) -> Fork {
         let [a, b] = pair.each_ref().map(|bounds| BoundTerms::importance(bounds, receiver));
-        Pair::new([a.strength, b.strength], || {
+        Fork::new([a.strength, b.strength], || {
             self.choice.first_probability(&a, &b, self.least_distance_squared)
         })
     }
@@ -335,114 +339,6 @@ impl<T: LightHierarchy, R: Receiver + ?Sized> LightSampler<R> for TreeSampler<'_
 
     fn pmf(&self, receiver: &R, light: LightId) -> f64 {
         self.tree.root().map_or(0.0, |root| self.pmf_below(root, receiver, light))
-    }
-}
-
-/// What can become of two children.
-enum Pair {
-    /// Neither can contribute.
-    Dead,
-    /// Only one can: the first, or else the second.
-    Only(bool),
-    /// Both can; probability of the first in 2^-32s.
-    Either(u32),
-}
-
-impl Pair {
-    /// Of two strengths, and what the probability of the first is if both are positive.
-    #[inline]
-    fn new([a, b]: [f64; 2], first: impl FnOnce() -> f64) -> Self {
-        match (a > 0.0, b > 0.0) {
-            (false, false) => Self::Dead,
-            (true, false) => Self::Only(true),
-            (false, true) => Self::Only(false),
-            (true, true) => Self::Either(quantized(first(), FLOOR)),
-        }
-    }
-
-    /// Of the first and of the second; both 0 if dead.
-    fn probabilities(&self) -> (f64, f64) {
-        match *self {
-            Self::Dead => (0.0, 0.0),
-            Self::Only(true) => (1.0, 0.0),
-            Self::Only(false) => (0.0, 1.0),
-            Self::Either(q) => (probability(q), 1.0 - probability(q)),
-        }
-    }
-}
-
-impl ChildChoice {
-    /// Probability of the first of two nodes that may both contribute, in [0, 1]; squared distances below
-    /// `least_distance_squared` count as that.
-    pub fn first_probability(self, a: &BoundTerms, b: &BoundTerms, least_distance_squared: f64) -> f64 {
-        let at = |a_squared: f64, b_squared: f64| {
-            let (a_squared, b_squared) =
-                (a_squared.max(least_distance_squared), b_squared.max(least_distance_squared));
-            share(a.strength * b_squared, b.strength * a_squared)
-        };
-        let near = || match (a.toward.min_distance_squared(), b.toward.min_distance_squared()) {
-            (0.0, 0.0) => share(a.strength, b.strength),
-            (0.0, _) => 1.0,
-            (_, 0.0) => 0.0,
-            (a_squared, b_squared) => at(a_squared, b_squared),
-        };
-        match self {
-            Self::MinMaxAverage => {
-                let far = at(a.toward.max_distance_squared(), b.toward.max_distance_squared());
-                0.5 * (near() + far)
-            }
-            Self::Yuksel2019 => {
-                let is_close = |x: &BoundTerms| x.toward.min_distance_squared() < x.toward.diagonal_squared();
-                if is_close(a) || is_close(b) { share(a.strength, b.strength) } else { near() }
-            }
-            Self::Center => at(a.toward.center_distance_squared(), b.toward.center_distance_squared()),
-            Self::Upper => near(),
-        }
-    }
-}
-
-impl ChildChoice {
-    /// [`first_probability`](Self::first_probability) of two finite strengths, with scaled lengths.
-    #[inline]
-    fn first_of_weighed(self, weighed: &Weighed, least: f64) -> f64 {
-        let [a, b] = weighed.strength;
-        let [near_a, near_b, far_a, far_b] = weighed.squared.map(f64::from);
-        let far_from = |x: f64| if x > 0.0 { x.max(least) } else { 0.0 };
-        let inside_both = near_a == 0.0 && near_b == 0.0;
-        let (near_a, near_b) = if inside_both { (1.0, 1.0) } else { (far_from(near_a), far_from(near_b)) };
-        match self {
-            Self::MinMaxAverage => {
-                // The mean of two fractions as one.
-                let (far_a, far_b) = (far_a.max(least), far_b.max(least));
-                let (n_a, n_b, f_a, f_b) = (a * near_b, b * near_a, a * far_b, b * far_a);
-                let (near, far) = (n_a + n_b, f_a + f_b);
-                0.5 * (n_a * far + f_a * near) / (near * far)
-            }
-            Self::Upper => fraction(a * near_b, b * near_a),
-            Self::Yuksel2019 => {
-                let diagonals = weighed.diagonal_squared();
-                let is_close = (0..2).any(|i| weighed.squared[i] < diagonals[i]);
-                if is_close { fraction(a, b) } else { fraction(a * near_b, b * near_a) }
-            }
-            Self::Center => {
-                let [of_a, of_b] = weighed.center_squared().map(|x| (0.25 * f64::from(x)).max(least));
-                fraction(a * of_b, b * of_a)
-            }
-        }
-    }
-}
-
-/// a / (a + b).
-fn fraction(a: f64, b: f64) -> f64 {
-    a / (a + b)
-}
-
-/// a / (a + b) of two weights that are not both 0; infinite ones outweigh all others.
-fn share(a: f64, b: f64) -> f64 {
-    match (a.is_infinite(), b.is_infinite()) {
-        (true, true) => 0.5,
-        (true, false) => 1.0,
-        _ => a / (a + b),
     }
 }
 

@@ -1,4 +1,4 @@
-//! The two children of a node weighed together, in four lanes of f32.
+//! Two pairs of siblings weighed together, in four lanes of f32.
 //!
 //! What [`BoundTerms::importance`](crate::BoundTerms::importance) says with f64 and the smallest angles to a box, this says at a fraction of
 //! the cost, roughly. Differs from it:
@@ -6,24 +6,39 @@
 //!   numbers not at all), and then scaled by a power of two that makes the scene as seen from the receiver about 1
 //!   across. So scale changes no bit, and squares have room.
 //! - Angles to a cone or a lobe are those to the bounding sphere of the box (Conty Estévez and Kulla 2018).
-//! - No division but one for both children; cosines stay fractions until then.
+//! - No division but one for all four; cosines stay fractions until then.
 //!
 //! A node is weighed 0 only where it cannot contribute: within the rounding errors of f32 around a horizon the answer
 //! is `None`, and the caller asks in f64.
+//!
+//! No lane looks at another, so a pair gets the same bits whatever stands beside it: a walk alone gives the same pair twice.
 
-use glam::{BVec4A, Vec3, Vec4, Vec4Swizzles};
+use glam::{BVec4A, Vec3, Vec4};
 
 use crate::{LightBounds, Receiver, ScatterLobes};
 
-/// A receiver, prepared for one walk.
+/// A receiver, prepared for walks.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Viewpoint {
     position: Vec3,
     /// Power of two that scales lengths to about the larger of the scene and its distance.
     scale: f32,
-    /// Square of `scale`, exact.
-    pub(super) scale_squared: f64,
+    /// The least squared distance that a sampler tells from others, scaled.
+    pub(super) least_squared: f32,
     lobes: Option<ScatterLobes>,
+}
+
+/// What decides between two children, of two pairs; lengths are scaled.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Both {
+    /// Emission × scattering, each, up to a factor of both siblings; 0 only for nodes that cannot contribute.
+    strength: [f32; 4],
+    near_squared: [f32; 4],
+    far_squared: [f32; 4],
+    center_squared: [f32; 4],
+    diagonal_squared: [f32; 4],
+    /// A bit for each lane in which rounding decides nothing.
+    sure: u32,
 }
 
 /// What decides between two children; lengths are scaled.
@@ -31,14 +46,47 @@ pub(super) struct Viewpoint {
 pub(super) struct Weighed {
     /// Intensity × emission × scattering, each, up to a factor of both; 0 only for nodes that cannot contribute.
     pub(super) strength: [f64; 2],
-    /// Squared distance to the nearest point of each box, then to the farthest.
-    pub(super) squared: [f32; 4],
-    /// The corners: smallest coordinates of both boxes, then largest.
-    corners: Lanes,
+    /// Squared distances to the nearest point of each box, but not below the least unless 0.
+    pub(super) near_squared: [f32; 2],
+    /// Squared distances to the farthest point of each box, but not below the least.
+    pub(super) far_squared: [f32; 2],
+    /// Four times the squared distances to the boxes' centres.
+    pub(super) center_squared: [f32; 2],
+    /// Squared lengths of the boxes' diagonals.
+    pub(super) diagonal_squared: [f32; 2],
 }
 
-/// Vectors to the corners of two boxes, coordinate by coordinate: first's low, second's low, first's high, second's
-/// high.
+impl Both {
+    /// Pair `I`, of these siblings; `None` where rounding might decide.
+    #[inline(always)]
+    pub(super) fn of<const I: usize>(&self, pair: &Siblings<'_>) -> Option<Weighed> {
+        if self.sure >> (2 * I) & 0b11 != 0b11 {
+            return None;
+        }
+        let of = |values: &[f32; 4]| [values[2 * I], values[2 * I + 1]];
+        let [a, b] = of(&self.strength);
+        Some(Weighed {
+            strength: [
+                f64::from(pair.first.intensity) * f64::from(a),
+                f64::from(pair.second.intensity) * f64::from(b),
+            ],
+            near_squared: of(&self.near_squared),
+            far_squared: of(&self.far_squared),
+            center_squared: of(&self.center_squared),
+            diagonal_squared: of(&self.diagonal_squared),
+        })
+    }
+}
+
+/// Two siblings and who looks at them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Siblings<'a> {
+    pub(super) viewpoint: &'a Viewpoint,
+    pub(super) first: &'a LightBounds,
+    pub(super) second: &'a LightBounds,
+}
+
+/// A vector in each lane.
 #[derive(Clone, Copy, Debug)]
 struct Lanes {
     x: Vec4,
@@ -54,9 +102,14 @@ const SMALLEST: f32 = 1e-14;
 const LARGEST: f32 = 1e8;
 
 impl Viewpoint {
-    /// `root` is the box of all lights. `None` where lengths span more than f32 does.
+    /// `root` is the box of all lights; squared distances below `least_squared` count as that. `None` where lengths span
+    /// more than f32 does.
     #[inline]
-    pub(super) fn new<R: Receiver + ?Sized>(receiver: &R, root: &(Vec3, Vec3)) -> Option<Self> {
+    pub(super) fn new<R: Receiver + ?Sized>(
+        receiver: &R,
+        root: &(Vec3, Vec3),
+        least_squared: f64,
+    ) -> Option<Self> {
         let position = receiver.position();
         let far = (root.1 - position).abs().max((root.0 - position).abs()).max_element();
         // The largest power of two that is not above it; -126..=126 leaves room for its inverse.
@@ -65,132 +118,174 @@ impl Viewpoint {
             return None;
         }
         let scale = f32::from_bits(((127 - exponent) as u32) << 23);
-        let lobes = receiver.lobes();
-        Some(Self { position, scale, scale_squared: f64::from(scale) * f64::from(scale), lobes })
+        // Out of range only where all lights are at one place, and their distances the same in any case.
+        let least_squared =
+            (least_squared * f64::from(scale) * f64::from(scale)).min(f64::from(LARGEST)) as f32;
+        Some(Self { position, scale, least_squared, lobes: receiver.lobes() })
     }
 
-    /// Both children of a node; `None` where rounding might decide.
+    /// Whether it may be weighed together with others.
     #[inline]
-    pub(super) fn weigh<R: Receiver + ?Sized>(
-        &self,
-        a: &LightBounds,
-        b: &LightBounds,
-        receiver: &R,
-    ) -> Option<Weighed> {
-        let lane = |low_a: f32, low_b, high_a, high_b, from: f32| {
-            (Vec4::new(low_a, low_b, high_a, high_b) - Vec4::splat(from)) * self.scale
-        };
-        let corners = Lanes {
-            x: lane(a.min.x, b.min.x, a.max.x, b.max.x, self.position.x),
-            y: lane(a.min.y, b.min.y, a.max.y, b.max.y, self.position.y),
-            z: lane(a.min.z, b.min.z, a.max.z, b.max.z, self.position.z),
-        };
-        let squared = corners.squared_distances();
-        let far = squared.zwzw();
-        if !(far.cmpge(Vec4::splat(SMALLEST)) & far.cmple(Vec4::splat(LARGEST))).all() {
-            return None;
-        }
-
-        let sphere = Sphere::around(&corners);
-        let (emitted, of) = if a.cos_theta_o <= -1.0 && b.cos_theta_o <= -1.0 {
-            (Vec4::ONE, Vec4::ONE)
-        } else {
-            sphere.emission(a, b)
-        };
-        // Spheres and boxes disagree about the last of a cone: what is left out altogether is for f64 to say.
-        if !(emitted.x > 0.0 && emitted.y > 0.0) {
-            return None;
-        }
-        let intensity = [f64::from(a.intensity), f64::from(b.intensity)];
-        let [first, second] = match &self.lobes {
-            Some(lobes) => {
-                let (height, distance) = corners.rough_cos(lobes.normal, squared)?;
-                let scattered = lobes.weigh(&sphere, height, distance);
-                (emitted * scattered / (of * distance)).xy().to_array()
-            }
-            None => {
-                let scatter = |bounds: &LightBounds| {
-                    receiver.scatter_importance(&crate::Toward::new(self.position, bounds.min, bounds.max))
-                };
-                let emitted = emitted / of;
-                let scattered = Vec4::new(
-                    if emitted.x > 0.0 { scatter(a) } else { 0.0 },
-                    if emitted.y > 0.0 { scatter(b) } else { 0.0 },
-                    0.0,
-                    0.0,
-                );
-                // Where it is infinite, f64 sorts it out.
-                let both = emitted * scattered;
-                if !both.is_finite() || both.cmpgt(Vec4::ZERO) != scattered.cmpgt(Vec4::ZERO) {
-                    return None;
-                }
-                both.xy().to_array()
-            }
-        };
-        let strength = [intensity[0] * f64::from(first), intensity[1] * f64::from(second)];
-        Some(Weighed { strength, squared: squared.to_array(), corners })
+    pub(super) fn has_lobes(&self) -> bool {
+        self.lobes.is_some()
     }
 }
 
-impl Weighed {
-    /// Four times the squared distances to the boxes' centres.
-    pub(super) fn center_squared(&self) -> [f32; 2] {
-        let squared = self.corners.map(|v| v + v.zwxy()).dot_self();
-        [squared.x, squared.y]
-    }
+/// Weighs two pairs. `scatter` is asked about nodes seen by a receiver without
+/// [`lobes`](Viewpoint::has_lobes), in which case both have to be the same.
+#[inline(always)]
+pub(super) fn weigh(pairs: [&Siblings<'_>; 2], scatter: impl Fn(&LightBounds) -> f32) -> Both {
+    let scale = of_views(pairs, |view| view.scale);
+    let position = Lanes {
+        x: of_views(pairs, |view| view.position.x),
+        y: of_views(pairs, |view| view.position.y),
+        z: of_views(pairs, |view| view.position.z),
+    };
+    let low = Lanes {
+        x: (of_nodes(pairs, |node| node.min.x) - position.x) * scale,
+        y: (of_nodes(pairs, |node| node.min.y) - position.y) * scale,
+        z: (of_nodes(pairs, |node| node.min.z) - position.z) * scale,
+    };
+    let high = Lanes {
+        x: (of_nodes(pairs, |node| node.max.x) - position.x) * scale,
+        y: (of_nodes(pairs, |node| node.max.y) - position.y) * scale,
+        z: (of_nodes(pairs, |node| node.max.z) - position.z) * scale,
+    };
+    let near_squared = low.with(high, |low, high| low.max(-high).max(Vec4::ZERO)).dot_self();
+    let far_squared = low.with(high, |low, high| high.max(-low)).dot_self();
+    let mut sure = far_squared.cmpge(Vec4::splat(SMALLEST)) & far_squared.cmple(Vec4::splat(LARGEST));
 
-    /// Squared lengths of the boxes' diagonals.
-    pub(super) fn diagonal_squared(&self) -> [f32; 2] {
-        let squared = self.corners.map(|v| v.zwxy() - v).dot_self();
-        [squared.x, squared.y]
+    let sphere = Sphere::around(low, high);
+    let everywhere = |pair: &Siblings<'_>| pair.first.cos_theta_o <= -1.0 && pair.second.cos_theta_o <= -1.0;
+    let (emitted, of) = if everywhere(pairs[0]) && everywhere(pairs[1]) {
+        (Vec4::ONE, Vec4::ONE)
+    } else {
+        let axis = Lanes {
+            x: of_nodes(pairs, |node| node.axis.x),
+            y: of_nodes(pairs, |node| node.axis.y),
+            z: of_nodes(pairs, |node| node.axis.z),
+        };
+        let two_sided = of_nodes(pairs, |node| if node.two_sided { -1.0 } else { 1.0 }).cmplt(Vec4::ZERO);
+        sphere.emission(
+            axis,
+            of_nodes(pairs, |node| node.cos_theta_o),
+            of_nodes(pairs, |node| node.cos_theta_e),
+            two_sided,
+        )
+    };
+    // Spheres and boxes disagree about the last of a cone: what is left out altogether is for f64 to say.
+    sure &= emitted.cmpgt(Vec4::ZERO);
+
+    let factor = if let (Some(a), Some(b)) = (&pairs[0].viewpoint.lobes, &pairs[1].viewpoint.lobes) {
+        let normal = Lanes {
+            x: of_lobes(a, b, |lobes| lobes.normal.x),
+            y: of_lobes(a, b, |lobes| lobes.normal.y),
+            z: of_lobes(a, b, |lobes| lobes.normal.z),
+        };
+        let cos = RoughCos::new(low, high, normal, near_squared, far_squared);
+        sure &= cos.sure;
+        let mut scattered = of_lobes(a, b, |lobes| lobes.diffuse) * cos.height;
+        if a.peak > 0.0 || b.peak > 0.0 {
+            let axis = Lanes {
+                x: of_lobes(a, b, |lobes| lobes.axis.x),
+                y: of_lobes(a, b, |lobes| lobes.axis.y),
+                z: of_lobes(a, b, |lobes| lobes.axis.z),
+            };
+            let fall = sphere.fall(axis, of_lobes(a, b, |lobes| lobes.width_squared));
+            let lobe = of_lobes(a, b, |lobes| lobes.peak) * fall * cos.distance;
+            scattered = Vec4::select(cos.height.cmpgt(Vec4::ZERO), scattered + lobe, Vec4::ZERO);
+        }
+        emitted * scattered / (of * cos.distance)
+    } else {
+        let emitted = emitted / of;
+        let ask = |lane: usize, node| if emitted[lane] > 0.0 { scatter(node) } else { 0.0 };
+        let (first, second) = (ask(0, pairs[0].first), ask(1, pairs[0].second));
+        let scattered = Vec4::new(first, second, first, second);
+        // Where it is infinite, f64 sorts it out.
+        let both = emitted * scattered;
+        sure &= both.is_finite_mask() & !(both.cmpgt(Vec4::ZERO) ^ scattered.cmpgt(Vec4::ZERO));
+        both
+    };
+
+    // Distances that are too small to tell apart, but for those inside.
+    let least = of_views(pairs, |view| view.least_squared);
+    let near_squared = Vec4::select(near_squared.cmpgt(Vec4::ZERO), near_squared.max(least), Vec4::ZERO);
+    Both {
+        strength: factor.to_array(),
+        near_squared: near_squared.to_array(),
+        far_squared: far_squared.max(least).to_array(),
+        center_squared: sphere.squared.to_array(),
+        diagonal_squared: sphere.radius_squared.to_array(),
+        sure: sure.bitmask(),
     }
+}
+
+/// A number of each node.
+#[inline(always)]
+fn of_nodes(pairs: [&Siblings<'_>; 2], f: impl Fn(&LightBounds) -> f32) -> Vec4 {
+    let [a, b] = pairs;
+    Vec4::new(f(a.first), f(a.second), f(b.first), f(b.second))
+}
+
+/// A number of each receiver.
+#[inline(always)]
+fn of_views(pairs: [&Siblings<'_>; 2], f: impl Fn(&Viewpoint) -> f32) -> Vec4 {
+    let (a, b) = (f(pairs[0].viewpoint), f(pairs[1].viewpoint));
+    Vec4::new(a, a, b, b)
+}
+
+/// A number of each receiver's lobes.
+#[inline(always)]
+fn of_lobes(a: &ScatterLobes, b: &ScatterLobes, f: impl Fn(&ScatterLobes) -> f32) -> Vec4 {
+    let (a, b) = (f(a), f(b));
+    Vec4::new(a, a, b, b)
 }
 
 impl Lanes {
     #[inline]
-    fn map(self, f: impl Fn(Vec4) -> Vec4) -> Self {
-        Self { x: f(self.x), y: f(self.y), z: f(self.z) }
+    fn with(self, other: Self, f: impl Fn(Vec4, Vec4) -> Vec4) -> Self {
+        Self { x: f(self.x, other.x), y: f(self.y, other.y), z: f(self.z, other.z) }
+    }
+
+    #[inline]
+    fn dot(self, v: Self) -> Vec4 {
+        self.x * v.x + self.y * v.y + self.z * v.z
     }
 
     #[inline]
     fn dot_self(self) -> Vec4 {
-        self.x * self.x + self.y * self.y + self.z * self.z
-    }
-
-    #[inline]
-    fn dot(self, v: Vec3) -> Vec4 {
-        self.x * v.x + self.y * v.y + self.z * v.z
-    }
-
-    /// To the nearest point of the first and of the second box, then to the farthest ones.
-    #[inline]
-    fn squared_distances(self) -> Vec4 {
-        self.map(|v| v.max(-v.zwxy()).max(Vec4::ZERO)).dot_self()
-    }
-
-    /// [`Toward::rough_max_cos`](crate::Toward::rough_max_cos) to the unit vector `n`, as a numerator, 0 where all of a box is below the horizon, and
-    /// a denominator; 1/1 for a zero vector.
-    #[inline]
-    fn rough_cos(self, n: Vec3, squared: Vec4) -> Option<(Vec4, Vec4)> {
-        if n == Vec3::ZERO {
-            return Some((Vec4::ONE, Vec4::ONE));
-        }
-        let highest = |v: Vec4, n: f32| {
-            let height = v * n;
-            height.max(height.zwxy())
-        };
-        let height = highest(self.x, n.x) + highest(self.y, n.y) + highest(self.z, n.z);
-        let unsure = HEIGHT_ERROR * HEIGHT_ERROR * squared.zwzw();
-        if !(height * height).cmpgt(unsure).all() {
-            return None;
-        }
-        let along = self.map(|v| v.max(Vec4::ZERO) + v.zwxy().min(Vec4::ZERO)).dot(n);
-        let aside = (squared - along * along).max(Vec4::ZERO);
-        Some((height.max(Vec4::ZERO), (height * height + aside).sqrt()))
+        self.dot(self)
     }
 }
 
-/// The bounding spheres of two boxes; all lengths are doubled.
+/// [`Toward::rough_max_cos`](crate::Toward::rough_max_cos) as a fraction: 0 where all of a box is below the horizon, 1/1 for a zero vector.
+struct RoughCos {
+    height: Vec4,
+    distance: Vec4,
+    sure: BVec4A,
+}
+
+impl RoughCos {
+    /// To the unit vectors `n`, or zero.
+    #[inline]
+    fn new(low: Lanes, high: Lanes, n: Lanes, near_squared: Vec4, far_squared: Vec4) -> Self {
+        let highest = |low: Vec4, high: Vec4, n: Vec4| (low * n).max(high * n);
+        let height = highest(low.x, high.x, n.x) + highest(low.y, high.y, n.y) + highest(low.z, high.z, n.z);
+        let along = low.with(high, |low, high| low.max(Vec4::ZERO) + high.min(Vec4::ZERO)).dot(n);
+        let aside = (near_squared - along * along).max(Vec4::ZERO);
+        let distance = (height * height + aside).sqrt();
+        let sure = (height * height).cmpgt(HEIGHT_ERROR * HEIGHT_ERROR * far_squared);
+
+        let none = n.x.cmpeq(Vec4::ZERO) & n.y.cmpeq(Vec4::ZERO) & n.z.cmpeq(Vec4::ZERO);
+        Self {
+            height: Vec4::select(none, Vec4::ONE, height.max(Vec4::ZERO)),
+            distance: Vec4::select(none, Vec4::ONE, distance),
+            sure: sure | none,
+        }
+    }
+}
+
+/// The bounding spheres of the boxes; all lengths are doubled.
 #[derive(Clone, Copy, Debug)]
 struct Sphere {
     center: Lanes,
@@ -201,67 +296,55 @@ struct Sphere {
 
 impl Sphere {
     #[inline]
-    fn around(corners: &Lanes) -> Self {
-        let center = corners.map(|v| v + v.zwxy());
-        let radius_squared = corners.map(|v| v.zwxy() - v).dot_self();
+    fn around(low: Lanes, high: Lanes) -> Self {
+        let center = low.with(high, |low, high| low + high);
+        let radius_squared = low.with(high, |low, high| high - low).dot_self();
         Self { center, squared: center.dot_self(), radius_squared }
     }
 
-    /// cos max(0, θ - φ) for the angle θ with cosine `along` / distance and φ the sphere's own plus one of these cosine
-    /// and sine: as a fraction of `self.squared`. Also sin(θ - φ) by the same measure, and whether θ ≤ φ.
+    /// What each node emits towards the receiver relative to its peak, as a fraction; 0 only if it emits nothing.
     #[inline]
-    fn cos_outside(&self, along: Vec4, cos: Vec4, sin: Vec4) -> (Vec4, Vec4, BVec4A) {
+    fn emission(&self, axis: Lanes, cos: Vec4, cos_theta_e: Vec4, two_sided: BVec4A) -> (Vec4, Vec4) {
+        let along = -axis.dot(self.center);
+        let along = Vec4::select(two_sided, along.abs(), along);
+        let sin = ((Vec4::ONE - cos) * (Vec4::ONE + cos)).max(Vec4::ZERO).sqrt();
+
+        // cos max(0, θ - φ) and sin(θ - φ) for the angle θ with cosine `along` / distance and φ the sphere's own plus that of
+        // the cone: as fractions of `self.squared`.
         let aside = (self.squared - along * along).max(Vec4::ZERO).sqrt();
         let (cos_u, sin_u) =
             ((self.squared - self.radius_squared).max(Vec4::ZERO).sqrt(), self.radius_squared.sqrt());
         let (cos_phi, sin_phi) = (cos * cos_u - sin * sin_u, sin * cos_u + cos * sin_u);
         let beyond = aside * cos_phi - along * sin_phi;
+        let outside = along * cos_phi + aside * sin_phi;
         let within =
             beyond.cmple(Vec4::ZERO) | sin_phi.cmplt(Vec4::ZERO) | self.radius_squared.cmpge(self.squared);
-        (along * cos_phi + aside * sin_phi, beyond, within)
-    }
-
-    /// What each node emits towards the receiver relative to its peak, as a fraction; 0 only if it emits nothing.
-    #[inline]
-    fn emission(&self, a: &LightBounds, b: &LightBounds) -> (Vec4, Vec4) {
-        let lanes = |a, b| Vec4::new(a, b, a, b);
-        let axis = Lanes {
-            x: lanes(a.axis.x, b.axis.x),
-            y: lanes(a.axis.y, b.axis.y),
-            z: lanes(a.axis.z, b.axis.z),
-        };
-        let along = -(axis.x * self.center.x + axis.y * self.center.y + axis.z * self.center.z);
-        let sides = |two_sided| if two_sided { -1.0f32 } else { 1.0 };
-        let two_sided = lanes(sides(a.two_sided), sides(b.two_sided)).cmplt(Vec4::ZERO);
-        let along = Vec4::select(two_sided, along.abs(), along);
-        let cos = lanes(a.cos_theta_o, b.cos_theta_o);
-        let sin = ((Vec4::ONE - cos) * (Vec4::ONE + cos)).max(Vec4::ZERO).sqrt();
-        let (outside, beyond, within) = self.cos_outside(along, cos, sin);
 
         let everywhere = cos.cmple(Vec4::NEG_ONE) | two_sided & cos.cmple(Vec4::ZERO);
         let full = within | everywhere;
         // Square roots near 0 are wrong by up to 1e-3 each, as angles; what is wrong by rounding alone is less than 2e-6.
         let sure = outside + 2e-3 * beyond.abs() + 2e-6 * self.squared;
-        let dead = sure.cmplt(lanes(a.cos_theta_e, b.cos_theta_e) * self.squared);
+        let dead = sure.cmplt(cos_theta_e * self.squared);
         let some = Vec4::select(dead, Vec4::ZERO, outside.max(1e-4 * self.squared));
         (Vec4::select(full, Vec4::ONE, some), Vec4::select(full, Vec4::ONE, self.squared))
     }
-}
 
-impl ScatterLobes {
-    /// Scattering × `distance`, for cosines to the normal that are `height` / `distance`.
+    /// How far a lobe of squared width w² around `axis` has fallen at the direction of the sphere that is nearest to it, relative to
+    /// its peak: (w² / (w² + (1 - w²) sin²(ψ/2)))².
     #[inline]
-    fn weigh(&self, sphere: &Sphere, height: Vec4, distance: Vec4) -> Vec4 {
-        let diffuse = self.diffuse * height;
-        if self.peak <= 0.0 {
-            return diffuse;
-        }
-        let along = sphere.center.dot(self.axis);
-        let (outside, _, within) = sphere.cos_outside(along, Vec4::ONE, Vec4::ZERO);
-        let cos = Vec4::select(within, Vec4::ONE, outside / sphere.squared);
-        let half_sin_squared = 0.5 * (Vec4::ONE - cos).max(Vec4::ZERO);
-        let fall = self.width_squared / (self.width_squared + (1.0 - self.width_squared) * half_sin_squared);
-        let lobe = self.peak * fall * fall * distance;
-        Vec4::select(height.cmpgt(Vec4::ZERO), diffuse + lobe, Vec4::ZERO)
+    fn fall(&self, axis: Lanes, width_squared: Vec4) -> Vec4 {
+        // cos ψ = cos max(0, θ - u) as a fraction of `self.squared`; θ ≤ u if and only if cos² θ ≥ cos² u, on the axis' side.
+        let along = self.center.dot(axis);
+        let cos_u_squared = (self.squared - self.radius_squared).max(Vec4::ZERO);
+        let aside_squared = (self.squared - along * along).max(Vec4::ZERO);
+        let outside = along * cos_u_squared.sqrt() + (aside_squared * self.radius_squared).sqrt();
+        let within = self.radius_squared.cmpge(self.squared)
+            | along.cmpge(Vec4::ZERO) & (along * along).cmpge(cos_u_squared);
+        let short = Vec4::select(within, Vec4::ZERO, (self.squared - outside).max(Vec4::ZERO));
+        let wide = width_squared * self.squared;
+        // 0/0 where the sphere is a point at the receiver, which is within.
+        let fall = wide / (wide + 0.5 * (Vec4::ONE - width_squared) * short);
+        let fall = Vec4::select(within, Vec4::ONE, fall);
+        fall * fall
     }
 }

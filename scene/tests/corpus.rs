@@ -4,12 +4,15 @@
 mod glb;
 mod sound;
 
+use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
+use glam::Vec3;
 use lighttree::rng::Random;
-use scene::{ImportLimits, ImportOptions, load};
+use scene::{ImportError, ImportLimits, ImportOptions, Light, Scene, load};
 
 use glb::{Asset, Folder, glb, jpeg, png, textured_triangle};
 
@@ -337,33 +340,102 @@ fn the_base_of_the_corpus_is_sound() {
     assert_eq!((scene.triangle_count(), scene.lights.len(), scene.textures.len()), (1, 2, 1));
 }
 
+/// What is wrong with the way in which `load` takes the file at `path`, whose message should have `part` in it; else the message without the path.
+fn verdict(
+    path: &Path,
+    part: &str,
+    patience: Duration,
+    load: impl Fn(&Path, &ImportOptions) -> Result<Scene, ImportError>,
+) -> Result<String, String> {
+    let start = Instant::now();
+    let loaded = catch_unwind(AssertUnwindSafe(|| match load(path, &ImportOptions::default()) {
+        Ok(scene) => Err(format!("was imported: {:?}", scene.notes)),
+        Err(error) => Ok(error.to_string()),
+    }));
+    let message = loaded.map_err(|_| "panicked".to_owned())??;
+    if start.elapsed() >= patience {
+        return Err(format!("took {:?}", start.elapsed()));
+    }
+    let Some(problem) = message.strip_prefix(&format!("{}: ", path.display())) else {
+        return Err(format!("does not begin with its name: {message}"));
+    };
+    if message.contains(['\n', '\r']) {
+        return Err(format!("has more than one line: {message}"));
+    }
+    if !message.contains(part) {
+        return Err(format!("expected {part:?} in: {message}"));
+    }
+    Ok(problem.to_owned())
+}
+
 #[test]
 fn every_broken_file_is_an_error_of_one_line_that_names_it() {
     let folder = Folder::new("corpus");
     let corpus = corpus();
     assert!(corpus.len() >= 30);
-    let mut wrong = Vec::new();
+    let (mut wrong, mut seen) = (Vec::new(), HashMap::new());
     let before = peak_memory();
-    for (name, bytes, part) in corpus {
-        let path = folder.write(&format!("{name}.glb"), &bytes);
-        let start = Instant::now();
-        let message = match load(&path, &ImportOptions::default()) {
-            Ok(scene) => {
-                wrong.push(format!("{name} was imported: {:?}", scene.notes));
-                continue;
+    for (name, bytes, part) in &corpus {
+        let path = folder.write(&format!("{name}.glb"), bytes);
+        match verdict(&path, part, PATIENCE, load) {
+            // Files that differ in name alone would make the corpus look larger than it is.
+            Ok(problem) => {
+                if let Some(other) = seen.insert(problem, *name) {
+                    wrong.push(format!("{name} is {other} once more"));
+                }
             }
-            Err(error) => error.to_string(),
-        };
-        assert!(start.elapsed() < PATIENCE, "{name} took {:?}", start.elapsed());
-        assert!(message.starts_with(&format!("{}: ", path.display())), "{message}");
-        assert!(!message.contains(['\n', '\r']), "{name}: one line: {message}");
-        if !message.contains(part) {
-            wrong.push(format!("{name}: expected {part:?} in: {message}"));
+            Err(why) => wrong.push(format!("{name}: {why}")),
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     if let (Some(before), Some(after)) = (before, peak_memory()) {
         assert!(after - before < 256 << 10, "the corpus took {} MiB", (after - before) >> 10);
+    }
+}
+
+/// Negative controls: an importer that panics, takes what is broken, dawdles, hides which file it is or says the wrong thing is found out.
+#[test]
+fn the_corpus_finds_a_bad_importer_out() {
+    let folder = Folder::new("corpus-control");
+    let (sound, broken) = (folder.write("sound.glb", &base().glb()), folder.write("broken.glb", b"hello"));
+    let found =
+        |path: &Path, part: &str, load: &dyn Fn(&Path, &ImportOptions) -> Result<Scene, ImportError>| {
+            verdict(path, part, PATIENCE, load).unwrap_err()
+        };
+    assert!(verdict(&broken, "neither glTF", PATIENCE, load).is_ok());
+    assert!(found(&sound, "", &load).starts_with("was imported"));
+    assert!(found(&broken, "", &|_, _| Ok(Scene::default())).starts_with("was imported"));
+    assert_eq!(found(&broken, "", &|_, _| panic!("on purpose")), "panicked");
+    assert!(found(&broken, "something else", &load).starts_with("expected"));
+    // Of another file.
+    assert!(found(&broken, "", &|_, o| load(Path::new("none.glb"), o)).starts_with("does not begin"));
+    assert!(verdict(&broken, "", Duration::ZERO, load).unwrap_err().starts_with("took"));
+}
+
+/// Negative control of what is called sound: scenes that break a promise are none.
+#[test]
+fn scenes_that_break_a_promise_are_not_sound() {
+    let folder = Folder::new("corpus-unsound");
+    let whole = load(&folder.write("whole.glb", &base().glb()), &ImportOptions::default()).unwrap();
+    let breaks: [(&str, fn(&mut Scene)); 8] = [
+        ("a vertex out of range", |s| s.meshes[0].triangles[0][1] = 99),
+        ("a vertex that is no number", |s| s.meshes[0].positions[0].x = f32::NAN),
+        ("a material out of range", |s| s.meshes[0].material = 99),
+        ("a mesh out of range", |s| s.instances[0].mesh = 99),
+        ("a transform without inverse", |s| s.instances[0].to_world.matrix3.x_axis *= 0.0),
+        ("a texture without texels", |s| s.textures[0].texels.clear()),
+        ("a negative emission", |s| s.materials[0].emissive.x = -1.0),
+        ("a light without place", |s| {
+            s.lights.push(Light::Point { position: Vec3::NAN, intensity: Vec3::ONE });
+        }),
+    ];
+    for (what, break_it) in breaks {
+        let mut scene = whole.clone();
+        break_it(&mut scene);
+        assert!(
+            catch_unwind(AssertUnwindSafe(|| sound::assert_sound(&scene))).is_err(),
+            "{what} is not seen"
+        );
     }
 }
 
@@ -381,6 +453,19 @@ fn what_is_no_file_is_an_error() {
 /// Loads mutations of `bytes`, `cases` of them, from a fixed seed; each must give a sound scene or an error of one
 /// line.
 fn mutate(name: &str, bytes: &[u8], seed: u32, cases: u32) {
+    let imported = imported_mutations(name, bytes, seed, cases, load).unwrap_or_else(|why| panic!("{why}"));
+    eprintln!("{name}: {imported} of {cases} mutations were imported");
+    assert!(imported > 0 && imported < cases, "mutations should break some files and leave some whole");
+}
+
+/// How many of the mutations `load` imported, or the first that it took badly.
+fn imported_mutations(
+    name: &str,
+    bytes: &[u8],
+    seed: u32,
+    cases: u32,
+    load: impl Fn(&Path, &ImportOptions) -> Result<Scene, ImportError>,
+) -> Result<u32, String> {
     let folder = Folder::new(&format!("mutation-{name}"));
     // Small limits, so that a case that asks for much is quick; they are not what is tested.
     let limits = ImportLimits {
@@ -405,12 +490,34 @@ fn mutate(name: &str, bytes: &[u8], seed: u32, cases: u32) {
         }));
         match result {
             Ok(loaded) => imported += u32::from(loaded),
-            Err(_) => panic!("{name}: seed {seed}, case {case} panicked"),
+            Err(_) => return Err(format!("{name}: seed {seed}, case {case} panicked")),
         }
-        assert!(start.elapsed() < PATIENCE, "{name}: seed {seed}, case {case} took {:?}", start.elapsed());
+        if start.elapsed() >= PATIENCE {
+            return Err(format!("{name}: seed {seed}, case {case} took {:?}", start.elapsed()));
+        }
     }
-    eprintln!("{name}: {imported} of {cases} mutations were imported");
-    assert!(imported > 0 && imported < cases, "mutations should break some files and leave some whole");
+    Ok(imported)
+}
+
+/// Negative control: an importer that panics on one mutation in a hundred, or lets an index out of range through, is found out.
+#[test]
+fn mutations_find_a_bad_importer_out() {
+    let bytes = base().glb();
+    let calls = AtomicU32::new(0);
+    let panics = |path: &Path, options: &ImportOptions| {
+        assert!(calls.fetch_add(1, Ordering::Relaxed) != 99, "on purpose");
+        load(path, options)
+    };
+    let found = imported_mutations("control-panic", &bytes, 1, 200, panics).unwrap_err();
+    assert_eq!(found, "control-panic: seed 1, case 99 panicked");
+    let unsound = |path: &Path, options: &ImportOptions| {
+        let mut scene = load(path, options)?;
+        if let Some(mesh) = scene.meshes.first_mut() {
+            mesh.triangles.push([0, 0, u32::MAX]);
+        }
+        Ok(scene)
+    };
+    assert!(imported_mutations("control-unsound", &bytes, 1, 200, unsound).is_err());
 }
 
 /// Flips bytes or digits, cuts, repeats, or splices.

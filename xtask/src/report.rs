@@ -99,7 +99,11 @@ impl Report<'_> {
         }
         text += "\n";
         if counts.clamped > 0 {
-            text += &format!("{} contributions were clamped, as asked for\n", counts.clamped);
+            text += &format!(
+                "{} contributions were clamped, as asked for; {:.3e} W/m2/sr of the picture's mean luminance are lost with them\n",
+                counts.clamped,
+                counts.clamped_luminance / samples
+            );
         }
         if counts.non_finite > 0 {
             text += &format!(

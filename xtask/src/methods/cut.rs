@@ -208,7 +208,7 @@ impl<'a> SharedCutMethod<'a> {
         scratch: &mut SharedCutScratch,
         counts: &mut Counts,
     ) -> Option<ShadingPoint> {
-        let mut random = Random::new(self.frame.seed ^ Purpose::Blocks.salt(), block, sample);
+        let mut random = Random::new(self.frame.light_seed ^ Purpose::Blocks.salt(), block, sample);
         self.grid.candidates(block, &mut random).take(TRIES).find_map(|pixel| {
             if scratch.unit.contains(&pixel) {
                 return points.iter().find(|point| point.pixel == pixel).copied();
@@ -307,7 +307,7 @@ impl DrawLights for SharedCutMethod<'_> {
         };
 
         // Whose turn it is goes on with every camera sample; where it begins depends on the seed.
-        let [turn, ..] = pcg4d([self.frame.seed, Purpose::Blocks.salt(), 0, 0]);
+        let [turn, ..] = pcg4d([self.frame.light_seed, Purpose::Blocks.salt(), 0, 0]);
         let (x, y) = self.grid.place(point.pixel);
         let part = self.interleave.part(x, y, point.sample.wrapping_add(turn));
         let share = self.interleave.share(part, nodes.len() as u64 * u64::from(self.per_node));

@@ -1,0 +1,192 @@
+//! What do cuts and their sharing cost, and what do they cost in noise?
+//!
+//! Blocks of 8 × 8 points on the floor of a hall, each point drawing one light from each subtree: with a cut of its own or with that of one point of the block. No
+//! shadow rays and no shading. CPU time of this thread, since others share the machine, in turns in one run; printed: samples a second, the
+//! share of selection in the time of drawing, what sharing saves, and the ratio of mean squared errors (at 10⁵ lights, where the truth
+//! can be had).
+
+mod common;
+
+use std::hint::black_box;
+use std::time::Duration;
+
+use common::{Lamp, classes};
+use criterion::{BenchmarkId, Criterion, Throughput};
+use glam::Vec3;
+use lighttree::rng::{Decisions, Random};
+use lighttree::{BuildParams, LambertReceiver, LightBounds, LightTree};
+use stochastic::{CutParams, CutSampler, Selection};
+
+/// Points of a block, and blocks.
+const BLOCK: u32 = 64;
+const BLOCKS: u32 = 48;
+
+/// 8 × 8 points a few centimetres apart, somewhere on the floor.
+fn block(index: u32) -> Vec<LambertReceiver> {
+    let mut r = Random::new(21, index, 0);
+    let corner = Vec3::new(19.0 * r.f32(), 0.0, 19.0 * r.f32());
+    let point = |i: u32| LambertReceiver {
+        position: corner + 0.04 * Vec3::new((i % 8) as f32, 0.0, (i / 8) as f32),
+        normal: Vec3::Y,
+        albedo: 0.8,
+    };
+    (0..BLOCK).map(point).collect()
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Mode {
+    /// One walk from the root for each sample.
+    Tree,
+    /// A cut for each point.
+    Own,
+    /// A cut for each block.
+    Shared,
+    /// Only the selection of the blocks' cuts.
+    Select,
+}
+
+/// Everything for all points; `each` gets the number of the point, the light and its probability within its subtree.
+fn draw(
+    mode: Mode,
+    sampler: &CutSampler<'_, LightTree>,
+    root: &[lighttree::NodeId],
+    nodes: u32,
+    blocks: &[Vec<LambertReceiver>],
+    seed: u32,
+    mut each: impl FnMut(usize, u32, f64),
+) {
+    let (mut shared, mut own) = (Selection::default(), Selection::default());
+    for (b, points) in blocks.iter().enumerate() {
+        let chosen = Random::new(seed, b as u32, 1).u32() % BLOCK;
+        if matches!(mode, Mode::Shared | Mode::Select) {
+            black_box(sampler.select(&points[chosen as usize], &mut shared));
+        }
+        if mode == Mode::Select {
+            continue;
+        }
+        for (i, point) in points.iter().enumerate() {
+            let (roots, per_node) = match mode {
+                Mode::Tree => (root, nodes),
+                Mode::Own => (sampler.select(point, &mut own), 1),
+                Mode::Shared | Mode::Select => (shared.nodes(), 1),
+            };
+            let number = b * BLOCK as usize + i;
+            let mut random = Decisions::new(Random::new(seed, number as u32, 0));
+            let slots = 0..roots.len() as u64 * u64::from(per_node);
+            sampler.subtrees(roots).draw(point, slots, per_node, &mut random, |_, sample, _| {
+                each(number, sample.light.0, sample.pmf * f64::from(per_node));
+            });
+        }
+    }
+}
+
+/// Mean squared error relative to the truth, over a few independent rounds.
+fn relative_error(
+    mode: Mode,
+    sampler: &CutSampler<'_, LightTree>,
+    root: &[lighttree::NodeId],
+    nodes: u32,
+    blocks: &[Vec<LambertReceiver>],
+    lamps: &[Lamp],
+    truth: &[f64],
+) -> f64 {
+    const ROUNDS: u32 = 8;
+    let mut squared = 0.0;
+    for seed in 0..ROUNDS {
+        let mut estimates = vec![0.0; truth.len()];
+        draw(mode, sampler, root, nodes, blocks, seed, |number, light, pmf| {
+            let point = &blocks[number / BLOCK as usize][number % BLOCK as usize];
+            estimates[number] += lamps[light as usize].contribution(point) / pmf;
+        });
+        squared += estimates.iter().zip(truth).map(|(e, t)| (e / t - 1.0).powi(2)).sum::<f64>();
+    }
+    squared / truth.len() as f64 / f64::from(ROUNDS)
+}
+
+/// The CPU time of this thread; the time of day where there is no such clock.
+fn cpu_time() -> Duration {
+    #[cfg(unix)]
+    {
+        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.try_into().expect("less than 10^9"))
+    }
+    #[cfg(not(unix))]
+    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
+}
+
+fn main() {
+    let mut c = Criterion::default().configure_from_args();
+    let whole = std::env::args().any(|argument| argument == "--bench");
+    let blocks: Vec<_> = (0..BLOCKS).map(block).collect();
+    println!(
+        "{:<26}{:>12}{:>12}{:>12}{:>12}{:>10}{:>10}{:>10}",
+        "lights, subtrees",
+        "tree M/s",
+        "own M/s",
+        "shared M/s",
+        "selection %",
+        "saved %",
+        "MSE own",
+        "MSE shared"
+    );
+    for count in if whole { [100_000, 1_000_000] } else { [1000, 2000] } {
+        let lamps = std::mem::take(&mut classes(count, 1)[1].lamps);
+        let bounds: Vec<LightBounds> = lamps.iter().map(Lamp::bounds).collect();
+        let tree = LightTree::build(&bounds, &BuildParams::saoh()).expect("finite lights");
+        let points = blocks.iter().flatten();
+        let truth: Option<Vec<f64>> = (count < 1_000_000).then(|| {
+            let all = |point: &LambertReceiver| lamps.iter().map(|lamp| lamp.contribution(point)).sum();
+            points.clone().map(all).collect()
+        });
+        for nodes in [4, 8, 16, 32] {
+            let sampler = CutSampler::new(&tree, CutParams::with_nodes(nodes));
+            let root: Vec<_> = lighttree::Hierarchy::root(&tree).into_iter().collect();
+            let run = |mode| {
+                draw(mode, &sampler, &root, nodes, &blocks, 1, |_, light, pmf| {
+                    black_box((light, pmf));
+                })
+            };
+            let modes = [Mode::Tree, Mode::Own, Mode::Shared, Mode::Select];
+            let mut best = [Duration::MAX; 4];
+            for _ in 0..if whole { 9 } else { 1 } {
+                for (mode, best) in modes.iter().zip(&mut best) {
+                    let start = cpu_time();
+                    run(*mode);
+                    *best = (*best).min(cpu_time() - start);
+                }
+            }
+            let samples = f64::from(BLOCK * BLOCKS * nodes);
+            let [of_tree, own, shared, select] = best.map(|time| time.as_secs_f64());
+            let error = |mode| {
+                let known = |t: &Vec<f64>| {
+                    let error = relative_error(mode, &sampler, &root, nodes, &blocks, &lamps, t);
+                    format!("{error:.4}")
+                };
+                truth.as_ref().map_or_else(String::new, known)
+            };
+            println!(
+                "{:<26}{:>12.2}{:>12.2}{:>12.2}{:>12.2}{:>10.1}{:>10}{:>10}   (tree: {})",
+                format!("{count}, {nodes}"),
+                samples / of_tree / 1e6,
+                samples / own / 1e6,
+                samples / shared / 1e6,
+                100.0 * select / shared,
+                100.0 * (1.0 - shared / own),
+                error(Mode::Own),
+                error(Mode::Shared),
+                error(Mode::Tree),
+            );
+            let mut group = c.benchmark_group(format!("cuts/{count}"));
+            group
+                .sample_size(10)
+                .warm_up_time(Duration::from_millis(100))
+                .measurement_time(Duration::from_millis(300));
+            group.throughput(Throughput::Elements(samples as u64));
+            for (name, mode) in [("tree", Mode::Tree), ("own", Mode::Own), ("shared", Mode::Shared)] {
+                group.bench_function(BenchmarkId::new(name, nodes), |b| b.iter(|| run(mode)));
+            }
+            group.finish();
+        }
+    }
+    c.final_summary();
+}

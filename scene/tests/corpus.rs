@@ -418,7 +418,8 @@ fn the_corpus_finds_a_bad_importer_out() {
 fn scenes_that_break_a_promise_are_not_sound() {
     let folder = Folder::new("corpus-unsound");
     let whole = load(&folder.write("whole.glb", &base().glb()), &ImportOptions::default()).unwrap();
-    let breaks: [(&str, fn(&mut Scene)); 8] = [
+    type Break = (&'static str, fn(&mut Scene));
+    let breaks: [Break; 8] = [
         ("a vertex out of range", |s| s.meshes[0].triangles[0][1] = 99),
         ("a vertex that is no number", |s| s.meshes[0].positions[0].x = f32::NAN),
         ("a material out of range", |s| s.meshes[0].material = 99),

@@ -144,7 +144,7 @@ fn main() {
             let run = |mode| {
                 draw(mode, &sampler, &root, nodes, &blocks, 1, |_, light, pmf| {
                     black_box((light, pmf));
-                })
+                });
             };
             let modes = [Mode::Tree, Mode::Own, Mode::Shared, Mode::Select];
             let mut best = [Duration::MAX; 4];

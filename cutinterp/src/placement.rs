@@ -127,7 +127,7 @@ impl PointImage<'_> {
     }
 }
 
-/// Places records in `image`, beside those in `kept`; returns the new ones, tile by tile.
+/// Places records in `image`, beside those in `kept`; returns the new ones, tile by tile and row by row.
 ///
 /// `gather` is the host's: the harmonic mean distance from the point of a pixel to the geometry around it, for which hits farther away than
 /// the given distance may count as none; some ten to twenty short rays do. Infinite for nothing around. `local` makes what one thread keeps between
@@ -156,6 +156,8 @@ pub fn place<L>(
             placed: Vec::new(),
         };
         tile.serve(kept, |pixel, reach| gather(local, pixel, reach));
+        // Neighbours one after the other: their cuts look at the same nodes and meet the same shadows.
+        tile.placed.sort_unstable_by_key(|placed| placed.pixel);
         tile.placed
     };
     #[cfg(feature = "parallel")]

@@ -232,7 +232,7 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             // Interpolate the cuts.
             let (merged, lights) = merges.get(selection.records(), |merged, lights| {
                 let hidden = match self.params.visibility {
-                    Visibility::Interpolated => Hidden::Drop,
+                    Visibility::Interpolated if self.params.show == Show::Picture => Hidden::Drop,
                     _ => Hidden::Keep,
                 };
                 let [a, b, c] =

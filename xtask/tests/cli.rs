@@ -131,9 +131,16 @@ fn every_method_draws_the_same_scene() {
     let folder = folder();
     let spp = "256";
     render(folder.path(), &["hall:50", "--method", "brute", "--spp", spp, "-o", "truth.exr"]);
-    for (method, most) in
-        [("uniform", 0.15), ("power", 0.15), ("tree", 0.1), ("lightcut", 1e-3), ("path", 0.1)]
-    {
+    for (method, most) in [
+        ("uniform", 0.15),
+        ("power", 0.15),
+        ("tree", 0.1),
+        ("lightcut", 1e-3),
+        ("path", 0.1),
+        ("ris", 0.1),
+        ("cut-cdf", 0.1),
+        ("cut-cdf-vis", 0.1),
+    ] {
         let json = render(
             folder.path(),
             &["hall:50", "--method", method, "--gi", "none", "--spp", spp, "--reference", "truth.exr"],
@@ -154,7 +161,7 @@ fn the_same_seed_gives_the_same_bytes_for_any_threads() {
         );
         std::fs::read(folder.path().join(name)).unwrap()
     };
-    for method in ["tree", "lightcut"] {
+    for method in ["tree", "lightcut", "ris", "cut-cdf-vis"] {
         let one = picture("1", method, "7", "one.exr");
         assert_eq!(one, picture("2", method, "7", "two.exr"), "{method}");
         assert_ne!(one, picture("2", method, "8", "other.exr"), "{method}: the seed changes nothing");

@@ -10,9 +10,9 @@ use crate::trees;
 
 const NODES: Key = Key {
     name: "nodes",
-    default: "256",
+    default: "512",
     range: Range::Whole(1, 65_536),
-    trades: "nodes of the cut that a block of 8x8 pixels shares: less noise from clusters, for time once per block and once per pixel; 64 for one sample per pixel, 512 or more for many",
+    trades: "nodes of the cut that a block of 8x8 pixels shares: less noise from clusters, for time once per block and once per pixel; 64 for one sample per pixel, 512 for 16",
 };
 
 /// Dials of the method `cut-cdf`.

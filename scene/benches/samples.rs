@@ -19,7 +19,7 @@ use lighttree::{
 };
 use scene::{
     BruteForce, Counts, DirectLighting, Drawn, Frame, Geometry, RayScratch, Sampled, Scene, SceneRays,
-    ShadingPoint, Surface, TILE, builtin, camera_path,
+    ShadingPoint, Surface, TILE, Walked, builtin, camera_path,
 };
 
 /// Writes down the segments that a method asks about.
@@ -197,7 +197,8 @@ fn main() {
         measure(&mut c, name, "brute", &frame, 4, &BruteForce);
         measure(&mut c, name, "uniform", &frame, 64, &Drawn(Sampled { sampler: uniform, samples: 8 }));
         measure(&mut c, name, "power", &frame, 64, &Drawn(Sampled { sampler: &power, samples: 8 }));
-        measure(&mut c, name, "tree", &frame, 64, &Drawn(Sampled { sampler: &tree, samples: 8 }));
+        measure(&mut c, name, "one tree walk", &frame, 64, &Drawn(Sampled { sampler: &tree, samples: 8 }));
+        measure(&mut c, name, "tree", &frame, 64, &Drawn(Walked { sampler: tree, samples: 8 }));
     }
     c.final_summary();
 }

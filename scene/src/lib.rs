@@ -49,7 +49,7 @@ pub use render::{
     Rendered, TILE, render,
 };
 pub use requirements::Requirements;
-pub use sampled::{Draw, DrawLights, Drawn, DrawnScratch, Sampled, restart_in_stratum};
+pub use sampled::{Draw, DrawLights, Drawn, DrawnScratch, Sampled, Walked, restart_in_stratum};
 pub use shading::{
     CameraPath, Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, SurfaceLook, Vertex, camera_path,
     camera_ray, vertex,

@@ -1,8 +1,8 @@
 //! A few lights per point, drawn at random: by any [`LightSampler`], or by a method of several lights at once.
 
 use glam::{DVec3, Vec3};
-use lighttree::rng::Decisions;
-use lighttree::{LightId, LightSample, LightSampler, Segment};
+use lighttree::rng::{Decisions, Random};
+use lighttree::{LightHierarchy, LightId, LightSample, LightSampler, Segment, TreeSampler, Walks};
 
 use crate::film::luminance;
 use crate::render::{Counts, DirectLighting, Frame};
@@ -96,6 +96,60 @@ impl<S: LightSampler<ShadingPoint> + Sync> DrawLights for Sampled<S> {
             if let Some(LightSample { light, pmf }) = self.sampler.sample(&points[index], random) {
                 each(Draw { light, weight: 1.0 / (pmf * f64::from(self.samples)), tag: () }, random);
             }
+        }
+    }
+}
+
+/// [`Sampled`] for a light tree, which draws the samples of all points together: the same distribution, sooner.
+#[derive(Clone, Copy, Debug)]
+pub struct Walked<'t, T> {
+    /// Draws the lights; has to know [`Frame::lights`] and no others.
+    pub sampler: TreeSampler<'t, T>,
+    /// Lights per camera sample, at least 1; 0 gives black.
+    pub samples: u32,
+}
+
+/// What was drawn for the points at hand.
+#[derive(Debug, Default)]
+pub struct WalkedScratch {
+    walks: Walks,
+    streams: Vec<Random>,
+    drawn: Vec<Option<LightSample>>,
+}
+
+impl<T: LightHierarchy + Sync> DrawLights for Walked<'_, T> {
+    type Scratch = WalkedScratch;
+    type Tag = ();
+
+    fn begin_points(
+        &self,
+        points: &[ShadingPoint],
+        seed: u32,
+        scratch: &mut WalkedScratch,
+        counts: &mut Counts,
+    ) {
+        let WalkedScratch { walks, streams, drawn } = scratch;
+        streams.clear();
+        streams.extend(points.iter().map(|point| point.random(seed, Purpose::Lights)));
+        drawn.resize(points.len() * self.samples as usize, None);
+        counts.node_visits += self.sampler.sample_each(points, streams, walks, drawn);
+    }
+
+    fn draw(
+        &self,
+        _: &[ShadingPoint],
+        index: usize,
+        random: &mut Decisions,
+        scratch: &mut WalkedScratch,
+        _: &mut Counts,
+        mut each: impl FnMut(Draw<()>, &mut Decisions),
+    ) {
+        // Places on lights go on where the choices ended.
+        random.stream().clone_from(&scratch.streams[index]);
+        let samples = self.samples as usize;
+        for sample in scratch.drawn[index * samples..][..samples].iter().flatten() {
+            let weight = 1.0 / (sample.pmf * f64::from(self.samples));
+            each(Draw { light: sample.light, weight, tag: () }, random);
         }
     }
 }

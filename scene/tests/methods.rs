@@ -13,7 +13,7 @@ use lighttree::{
 use scene::{
     AlphaMode, BruteForce, Camera, DirectLighting, Drawn, Frame, Geometry, Light, Material, NoDirect,
     NoIndirect, PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint,
-    Texture, TextureSlot, builtin, render,
+    Texture, TextureSlot, Walked, builtin, render,
 };
 
 fn params(width: u32, height: u32, spp: u32) -> RenderParams {
@@ -43,14 +43,17 @@ fn brightness(picture: &Rendered) -> f64 {
 /// How many standard errors the method's mean lies from brute force over many seeds, and that error as a share. Both see
 /// the same points for the same seed, so that only the choice of lights differs.
 fn distance<S: LightSampler<ShadingPoint> + Sync>(scene: &Scene, rays: &SceneRays, sampler: S) -> (f64, f64) {
-    let method = Drawn(Sampled { sampler, samples: 4 });
+    distance_of(scene, rays, &Drawn(Sampled { sampler, samples: 4 }))
+}
+
+fn distance_of(scene: &Scene, rays: &SceneRays, method: &impl DirectLighting<SceneRays>) -> (f64, f64) {
     let params = params(16, 16, 1);
     let mut truth = 0.0;
     let differences: Vec<f64> = (0..24)
         .map(|seed| {
             let exact = brightness(&picture(scene, rays, seed, &params, &BruteForce));
             truth += exact / 24.0;
-            brightness(&picture(scene, rays, seed, &params, &method)) - exact
+            brightness(&picture(scene, rays, seed, &params, method)) - exact
         })
         .collect();
     let mean = differences.iter().sum::<f64>() / 24.0;
@@ -85,6 +88,8 @@ fn sampled_methods_converge_to_brute_force() {
         check("uniform", distance(&scene, &rays, UniformSampler { count }), 0.1);
         check("power", distance(&scene, &rays, PowerSampler::new(&scene.lights).unwrap()), 0.1);
         check("tree", distance(&scene, &rays, TreeSampler::new(&tree)), 0.03);
+        let together = Drawn(Walked { sampler: TreeSampler::new(&tree), samples: 4 });
+        check("tree, together", distance_of(&scene, &rays, &together), 0.03);
         let (sigmas, _) = distance(&scene, &rays, Wrong(TreeSampler::new(&tree)));
         assert!(sigmas < -4.0, "{name}: a wrong probability is not seen, {sigmas}");
     }
@@ -97,13 +102,16 @@ fn any_number_of_threads_gives_the_same_bits() {
     let tree = LightTree::build(&scene.lights, &BuildParams::default()).unwrap();
     let sampler = TreeSampler::new(&tree);
     let method = Drawn(Sampled { sampler: &sampler, samples: 2 });
+    let together = Drawn(Walked { sampler, samples: 2 });
     let tracer = PathTracer::new(&scene.lights, &sampler, 3, false);
     let render_with = |threads: usize, seed: u32| {
         let frame = Frame { vpl_clamp: 1.0, ..Frame::new(&scene, &rays, &scene.lights, seed) };
         let params = RenderParams { threads, ..params(33, 17, 2) };
         let sampled = render(&frame, &camera(&scene), &params, &method, &tracer, &()).unwrap();
+        let together = render(&frame, &camera(&scene), &params, &together, &NoIndirect, &()).unwrap();
+        assert!(together.counts.node_visits > 0, "visits are counted");
         let exact = render(&frame, &camera(&scene), &params, &BruteForce, &NoIndirect, &()).unwrap();
-        (sampled.film, sampled.counts, exact.film, exact.counts)
+        (sampled.film, sampled.counts, exact.film, exact.counts, together.film, together.counts)
     };
     let one = render_with(1, 3);
     assert_eq!(one, render_with(2, 3));

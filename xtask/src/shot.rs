@@ -5,10 +5,11 @@ use std::time::Instant;
 
 use cutinterp::{LevelMetric, Levels, PlacementParams, ReconstructionParams, Visibility, WeightParams};
 use lightcut::{LightcutParams, Representatives};
-use lighttree::{LightSampler, PowerSampler, TreeSampler, UniformSampler};
+use lighttree::{LightHierarchy, LightSampler, PowerSampler, TreeSampler, UniformSampler};
 use scene::{
     BruteForce, Camera, DirectLighting, Drawn, Film, Frame, IndirectLighting, Light, NoDirect, NoIndirect,
     PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, WalkReport,
+    Walked,
 };
 use stochastic::{EnergySpread, TwoLevelSampler};
 
@@ -175,11 +176,14 @@ impl<'a> Stage<'a> {
             (Tool::Spread(spread), Some(tree)) => {
                 shot.direct(&Drawn(SplitMethod::new(tree, spread, &plan.settings)))
             }
-            (_, Some(Tree::TwoLevel(tree))) if plan.method == Method::Tree => {
-                shot.sampled(TwoLevelSampler::new(tree).with_choice(trees::choice(&plan.settings)))
-            }
             (_, Some(tree)) if plan.method == Method::Tree => {
-                shot.sampled(TreeSampler::new(tree).with_choice(trees::choice(&plan.settings)))
+                let choice = trees::choice(&plan.settings);
+                // Once, instead of at each step of a walk.
+                match tree {
+                    Tree::Oriented(tree) => shot.walked(TreeSampler::new(tree).with_choice(choice)),
+                    Tree::Perfect(tree) => shot.walked(TreeSampler::new(tree).with_choice(choice)),
+                    Tree::TwoLevel(tree) => shot.sampled(TwoLevelSampler::new(tree).with_choice(choice)),
+                }
             }
             (_, Some(tree)) if plan.method == Method::Cut => {
                 shot.direct(&Drawn(CutMethod::new(tree, &plan.settings)?))
@@ -259,6 +263,10 @@ struct Shot<'a, P> {
 impl<P: Progress> Shot<'_, P> {
     fn sampled(&self, sampler: impl LightSampler<ShadingPoint> + Sync) -> Result<Rendered, Failure> {
         self.direct(&Drawn(Sampled { sampler, samples: self.plan.settings.whole("lights") }))
+    }
+
+    fn walked(&self, sampler: TreeSampler<'_, impl LightHierarchy + Sync>) -> Result<Rendered, Failure> {
+        self.direct(&Drawn(Walked { sampler, samples: self.plan.settings.whole("lights") }))
     }
 
     fn direct(&self, direct: &impl DirectLighting<SceneRays>) -> Result<Rendered, Failure> {

@@ -102,7 +102,7 @@ fn any_number_of_threads_gives_the_same_bits() {
     let tree = LightTree::build(&scene.lights, &BuildParams::default()).unwrap();
     let sampler = TreeSampler::new(&tree);
     let method = Drawn(Sampled { sampler: &sampler, samples: 2 });
-    let together = Drawn(Walked { sampler, samples: 2 });
+    let together = Drawn(Walked { sampler: TreeSampler::new(&tree), samples: 2 });
     let tracer = PathTracer::new(&scene.lights, &sampler, 3, false);
     let render_with = |threads: usize, seed: u32| {
         let frame = Frame { vpl_clamp: 1.0, ..Frame::new(&scene, &rays, &scene.lights, seed) };

@@ -16,7 +16,7 @@ use crate::{LightBounds, LightHierarchy, LightSample, NodeId, Receiver};
 
 /// The memory of [`TreeSampler::sample_each`], reused from call to call: nothing is allocated once it has grown.
 ///
-/// About 64 bytes a sample and 96 a receiver of the largest call.
+/// At most about 120 bytes a sample, and 100 a receiver, of the largest call.
 #[derive(Clone, Debug, Default)]
 pub struct Walks {
     viewpoints: Vec<Option<Viewpoint>>,
@@ -63,8 +63,6 @@ impl<T: LightHierarchy> TreeSampler<'_, T> {
     /// out of. So a row does not depend on what else is in the batch, and the caller may go on with the stream. Each sample for itself has the
     /// distribution of [`sample`](crate::LightSampler::sample), and reports the same probability to the bit; samples
     /// of one row share the strata.
-    ///
-    /// A few hundred samples a call are enough to gain all there is to gain.
     ///
     /// # Panics
     /// If `streams` is not as long as `receivers`, or `out` not a multiple of it.

@@ -6,6 +6,8 @@ mod cutinterp;
 pub(crate) mod filter;
 mod lightcut;
 mod photoncut;
+#[cfg(test)]
+mod pictures;
 mod recon;
 mod ris;
 mod split;

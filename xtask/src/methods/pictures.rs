@@ -1,0 +1,144 @@
+//! What must hold of the pictures of every method that draws lights from a tree: no bias anywhere, the same bits for any
+//! number of threads, and a part of a picture as in the whole.
+
+use scene::{RenderParams, Rendered, SceneRays, builtin};
+
+use super::Method;
+use crate::settings::Settings;
+use crate::shot::{Gi, Plan, Stage};
+
+const SIZE: (u32, u32) = (24, 16);
+
+/// Everything that one picture depends on, but for the method.
+struct Set {
+    scene: scene::Scene,
+    rays: SceneRays,
+    camera: scene::Camera,
+}
+
+impl Set {
+    fn new(name: &str) -> Self {
+        let scene = builtin(name).unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.framing_camera());
+        Self { scene, rays, camera }
+    }
+
+    fn picture(&self, method: &str, set: &[&str], seed: u32, params: &RenderParams) -> Rendered {
+        let method = Method::named(method).unwrap();
+        let set: Vec<_> = set.iter().map(|&assignment| assignment.to_owned()).collect();
+        let settings = Settings::parse("x", &method.keys(), &set).unwrap();
+        method.check(&settings).unwrap();
+        let stage = Stage { scene: &self.scene, rays: &self.rays, camera: &self.camera };
+        let plan = Plan { method, settings, gi: Gi::None, bounces: 1, seed, light_seed: seed };
+        stage.render(&plan, &stage.prepare(&plan).unwrap(), params, &()).unwrap()
+    }
+}
+
+fn params(spp: u32) -> RenderParams {
+    RenderParams { width: SIZE.0, height: SIZE.1, spp, threads: 2, ..RenderParams::default() }
+}
+
+/// Mean brightness of each block of 8 × 8 pixels.
+fn blocks(picture: &Rendered) -> Vec<f64> {
+    let mut sums = vec![0.0; (SIZE.0 / 8 * SIZE.1 / 8) as usize];
+    for (i, pixel) in (0..).zip(&picture.film.pixels) {
+        let (x, y) = (i % SIZE.0, i / SIZE.0);
+        sums[(y / 8 * (SIZE.0 / 8) + x / 8) as usize] += f64::from(pixel.element_sum()) / 64.0;
+    }
+    sums
+}
+
+/// The dials that pictures are taken with.
+const DRAWN: [(&str, &[&str]); 15] = [
+    ("tree", &["lights=2", "choice=center"]),
+    ("split", &["threshold=0.95"]),
+    ("split", &["lights=3", "choice=upper"]),
+    ("cut", &[]),
+    ("cut", &["lights=6", "nodes=2", "choice=yuksel", "builder=perfect"]),
+    ("cut", &["lights=1", "distance_floor=0"]),
+    ("shared-cut", &[]),
+    ("shared-cut", &["k=1"]),
+    ("shared-cut", &["k=3", "guard=on"]),
+    ("shared-cut", &["k=5", "builder=perfect"]),
+    ("shared-cut", &["k=64"]),
+    ("shared-cut", &["k=16", "guard=on", "choice=upper"]),
+    ("shared-cut", &["m=2", "lights=2"]),
+    ("shared-cut", &["m=4", "lights=1", "nodes=5"]),
+    ("shared-cut", &["m=8", "lights=1", "nodes=40", "guard=on"]),
+];
+
+/// Both methods see the same points for one seed, so that only the choice of lights differs.
+#[test]
+fn no_block_of_pixels_is_biased() {
+    const SEEDS: u32 = 24;
+    for scene in ["hall:60", "city:30"] {
+        let set = Set::new(scene);
+        // Every light, and the same points on it: what remains is the noise of choosing.
+        let exact: Vec<_> =
+            (0..SEEDS).map(|seed| blocks(&set.picture("brute", &[], seed, &params(1)))).collect();
+        for (method, dials) in DRAWN {
+            let drawn: Vec<_> =
+                (0..SEEDS).map(|seed| blocks(&set.picture(method, dials, seed, &params(1)))).collect();
+            for block in 0..exact[0].len() {
+                let differences: Vec<f64> =
+                    drawn.iter().zip(&exact).map(|(d, e)| d[block] - e[block]).collect();
+                let n = f64::from(SEEDS);
+                let mean = differences.iter().sum::<f64>() / n;
+                let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+                let error = (variance / n).sqrt();
+                assert!(
+                    mean.abs() <= 4.0 * error,
+                    "{scene}, {method} {dials:?}, block {block}: {mean} ± {error}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn threads_and_parts_of_pictures_do_not_show() {
+    let set = Set::new("hall:60");
+    for (method, dials) in DRAWN {
+        let whole = set.picture(method, dials, 5, &params(2));
+        let alone = set.picture(method, dials, 5, &RenderParams { threads: 1, ..params(2) });
+        assert_eq!((&whole.film, &whole.counts), (&alone.film, &alone.counts), "{method} {dials:?}");
+        let few = set.picture(method, dials, 5, &RenderParams { pixels: Some(90), ..params(2) });
+        let mask = few.mask.unwrap();
+        for (i, _) in mask.iter().enumerate().filter(|(_, rendered)| **rendered) {
+            assert_eq!(few.film.pixels[i], whole.film.pixels[i], "{method} {dials:?}, pixel {i}");
+        }
+    }
+}
+
+/// One cut for a block and sample, whatever the size of the block, and none shared where each pixel has its own.
+#[test]
+fn cuts_are_made_once_a_block() {
+    let set = Set::new("hall:60");
+    let cuts = |dials: &[&str]| {
+        let counts = set.picture("shared-cut", dials, 1, &params(1)).counts;
+        assert_eq!(counts.cut_nodes, 8 * counts.cuts);
+        counts.cuts
+    };
+    let all = u64::from(SIZE.0 * SIZE.1);
+    assert_eq!(
+        (cuts(&["k=1"]), cuts(&["k=2"]), cuts(&["k=4"]), cuts(&["k=8"])),
+        (all, all / 4, all / 16, all / 64)
+    );
+    assert!(cuts(&["k=3"]) < all / 4);
+    assert_eq!(cuts(&["k=64"]), all / 64, "one for each unit of 64 pixels");
+    assert!(cuts(&["k=8", "guard=on"]) > all / 64, "pixels across an edge have their own");
+}
+
+#[test]
+fn dials_that_do_not_go_together_are_refused() {
+    let refuse = |method: &str, set: &[&str]| {
+        let method = Method::named(method).unwrap();
+        let set: Vec<_> = set.iter().map(|&assignment| assignment.to_owned()).collect();
+        let settings = Settings::parse("x", &method.keys(), &set).unwrap();
+        method.check(&settings).unwrap_err().to_string()
+    };
+    assert!(refuse("cut", &["lights=4", "nodes=5"]).contains("nodes=5"));
+    assert!(refuse("shared-cut", &["k=8", "m=3"]).contains("have to divide"));
+    assert!(refuse("shared-cut", &["k=4", "m=8"]).contains("have to divide"));
+}

@@ -1,7 +1,7 @@
 //! From the camera to the points that have to be lit: hits, specular chains, shading points.
 
 use glam::{Vec2, Vec3, Vec4};
-use lighttree::rng::{Random, pcg4d};
+use lighttree::rng::{Random, pcg4d, unit_f32};
 use lighttree::{LightId, Ray, RayHit, RayQueries, Receiver, ScatterLobes, Segment, Toward};
 
 use crate::bsdf::{Bsdf, Dielectric, Ggx, Phong, Transport};
@@ -355,8 +355,14 @@ impl ShadingPoint {
     }
 }
 
+/// 2^32 ÷ g and 2^32 ÷ g², g³ = g + 1.
+const R2: [u32; 2] = [0xc13f_a9a9, 0x91e1_0da6];
+
 /// The ray of camera sample `sample` of a pixel, given by its index, and the random numbers for what it meets: the same wherever it
 /// is asked for.
+///
+/// Places in the pixel follow Roberts' R2 sequence ("The Unreasonable Effectiveness of Quasirandom Sequences", 2018) from a random start in each
+/// pixel: any number of samples is spread evenly, and each is uniform by itself.
 pub fn camera_ray(
     camera: &Camera,
     seed: u32,
@@ -364,9 +370,11 @@ pub fn camera_ray(
     pixel: u32,
     sample: u32,
 ) -> (Ray, Random) {
-    let mut random = Random::new(seed ^ Purpose::Camera.salt(), pixel, sample);
+    let random = Random::new(seed ^ Purpose::Camera.salt(), pixel, sample);
     let corner = Vec2::new((pixel % width) as f32, (pixel / width) as f32);
-    let at = corner + Vec2::new(random.f32(), random.f32());
+    let [start_x, start_y, ..] = pcg4d([seed ^ Purpose::Camera.salt(), pixel, 0, u32::MAX]);
+    let spread = |start: u32, step: u32| unit_f32(start.wrapping_add(sample.wrapping_mul(step)));
+    let at = corner + Vec2::new(spread(start_x, R2[0]), spread(start_y, R2[1]));
     (camera.ray(at, width, height), random)
 }
 

@@ -11,7 +11,9 @@ use rayon::prelude::*;
 use crate::Camera;
 use crate::bsdf::Transport;
 use crate::render::{Counts, Frame, RenderParams};
-use crate::shading::{CameraPath, Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, camera_path, vertex};
+use crate::shading::{
+    CameraPath, Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, camera_path, camera_ray, vertex,
+};
 
 /// Guides of one picture: `width · height` entries each, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -146,10 +148,7 @@ impl<Q: Geometry> Shot<'_, Q> {
         let (mut emission, mut albedo) = (DVec3::ZERO, DVec3::ZERO);
         for sample in first_sample..first_sample.saturating_add(spp) {
             // To the bit as the renderer has them.
-            let mut random = Random::new(self.frame.seed ^ Purpose::Camera.salt(), pixel, sample);
-            let corner = Vec2::new((pixel % width) as f32, (pixel / width) as f32);
-            let at = corner + Vec2::new(random.f32(), random.f32());
-            let ray = self.camera.ray(at, width, height);
+            let (ray, mut random) = camera_ray(self.camera, self.frame.seed, (width, height), pixel, sample);
             let first = self.frame.rays.closest(&ray, scratch);
             let CameraPath { emission: seen, point } =
                 camera_path(self.frame, &ray, first, pixel, sample, &mut random, scratch, &mut counts);

@@ -253,7 +253,7 @@ fn bad_calls_exit_with_2_and_say_what_to_write() {
     refuses(
         &["render", "--method", "tree", "--set", "threshold=1"],
         2,
-        &["tree", "threshold", "lights, builder"],
+        &["tree", "threshold", "lights, choice, builder"],
     );
     refuses(&["render", "--set", "threshold=abc"], 2, &["threshold", "from 0 to 1"]);
     refuses(&["render", "--set", "threshold"], 2, &["KEY=VALUE"]);

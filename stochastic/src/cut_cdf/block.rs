@@ -28,7 +28,7 @@ const SAME_NORMAL: f32 = 0.95;
 /// Places share a distribution that are this much nearer than the lights: squared distance over squared distance.
 const SAME_PLACE: f64 = 0.01;
 
-/// A cut and the distributions of a block of pixels: (8 bytes × [`WAYS`] × pixels + 80) a node.
+/// A cut and the distributions of a block of pixels: (16 bytes × pixels + 80) a node, for two distributions a pixel.
 #[derive(Debug, Default)]
 pub struct BlockCdfs {
     cut: SharedCut,

@@ -217,7 +217,7 @@ proptest! {
         // Nearer, or seen more edge-on, the mean needs more points than these.
         let height = area_vector.normalize().dot(to[0]).abs();
         prop_assume!(height > 0.3 * most && least > 0.3 * most);
-        const N: u32 = 32;
+        const N: u32 = 128;
         let mut mean = 0.0;
         for i in 0..N * N {
             let [u, root] = [i % N, i / N].map(|k| (f64::from(k) + 0.5) / f64::from(N));

@@ -37,6 +37,20 @@ pub(crate) fn run(mut command: Command, mend: &str) -> Result<(), Failure> {
     }
 }
 
+/// As [`run`], but what the command says on standard output is returned instead of shown.
+///
+/// # Errors
+/// `mend` in one line if it cannot be started or ends badly.
+pub(crate) fn run_for_output(mut command: Command, mend: &str) -> Result<String, Failure> {
+    let line = describe(&command);
+    eprintln!("$ {line}");
+    match command.stderr(Stdio::inherit()).output() {
+        Ok(output) if output.status.success() => Ok(String::from_utf8_lossy(&output.stdout).into_owned()),
+        Ok(output) => Err(Failure::failed(format!("`{line}` ended with {}: {mend}", output.status))),
+        Err(error) => Err(Failure::failed(format!("`{line}` cannot be started ({error}): {mend}"))),
+    }
+}
+
 /// Standard output of a call that is not worth showing.
 ///
 /// # Errors

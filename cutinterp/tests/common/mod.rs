@@ -146,9 +146,10 @@ impl ItemRanges for TestTree {
 
 impl LightHierarchy for TestTree {
     fn bounds(&self, node: NodeId) -> LightBounds {
+        // Rounded once, so that the nodes of any cut sum to the root within one part in 2^23.
         let items = self.items(node);
-        let sum: f32 = self.intensities[items.start as usize..items.end as usize].iter().sum();
-        LightBounds::point(Vec3::ZERO, sum)
+        let of_items = &self.intensities[items.start as usize..items.end as usize];
+        LightBounds::point(Vec3::ZERO, of_items.iter().map(|&i| f64::from(i)).sum::<f64>() as f32)
     }
     fn light_at(&self, slot: u32) -> LightId {
         LightId(slot)

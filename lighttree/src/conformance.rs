@@ -7,8 +7,8 @@
 use crate::oracle::{Distribution, sum};
 use crate::rng::{Decisions, Random};
 use crate::{
-    BatchLightSampler, LightBounds, LightHierarchy, LightId, LightSampler, NodeBound, NodeId, SampleRequest,
-    WeightedLight,
+    BatchLightSampler, BatchRayQueries, LightBounds, LightHierarchy, LightId, LightSampler, NodeBound,
+    NodeId, Ray, RayHit, RayQueries, SampleRequest, Segment, WeightedLight,
 };
 
 /// What is wrong, in words.
@@ -264,6 +264,93 @@ pub fn check_batch<S: BatchLightSampler>(
         }
     }
     Ok(())
+}
+
+/// How far two implementations of rays agreed in [`check_batch_rays`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RayAgreement {
+    /// Rays that hit anything, by the reference.
+    pub hits: usize,
+    /// Rays that only one of both found a hit for.
+    pub hit_or_not: usize,
+    /// Rays that both found a hit for, on different primitives or at distances that differ by more than the tolerance.
+    pub elsewhere: usize,
+    /// Segments with anything between their ends, by the reference.
+    pub blocked: usize,
+    /// Segments that only one of both took for blocked.
+    pub blocked_or_not: usize,
+}
+
+impl RayAgreement {
+    /// All disagreements.
+    pub const fn differ(&self) -> usize {
+        self.hit_or_not + self.elsewhere + self.blocked_or_not
+    }
+}
+
+/// A batch of rays against a reference for the same geometry: answers do not depend on how the batch is cut, a hit lies on its
+/// ray with weights of a point of a triangle, and at most `tolerated` rays and segments are answered otherwise. `tolerance` is
+/// the relative error of a distance.
+///
+/// Where rays pass edges within rounding two right implementations differ: give as many as the rays that aim there.
+pub fn check_batch_rays<B: BatchRayQueries, Q: RayQueries>(
+    batch: &mut B,
+    reference: &Q,
+    rays: &[Ray],
+    segments: &[Segment],
+    tolerance: f32,
+    tolerated: usize,
+) -> Result<RayAgreement, Failure> {
+    let failed = |error: B::Error| format!("a batch failed: {error}");
+    let mut agreement = RayAgreement::default();
+    let mut scratch = Q::Scratch::default();
+
+    // Nearest hits, in one batch and in two.
+    let mut hits = vec![None; rays.len()];
+    batch.closest_batch(rays, &mut hits).map_err(failed)?;
+    let mut parts = vec![None; rays.len()];
+    let middle = rays.len() / 3;
+    batch.closest_batch(&rays[..middle], &mut parts[..middle]).map_err(failed)?;
+    batch.closest_batch(&rays[middle..], &mut parts[middle..]).map_err(failed)?;
+    if let Some(i) = (0..rays.len()).find(|&i| hits[i] != parts[i]) {
+        return Err(format!("ray {i}: {:?} in one batch, {:?} in two", hits[i], parts[i]));
+    }
+    for (i, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
+        if let Some(RayHit { t, u, v, .. }) = hit
+            && !(*t > 0.0 && *t < ray.t_max && *u >= -1e-6 && *v >= -1e-6 && u + v <= 1.0 + 1e-6)
+        {
+            return Err(format!("ray {i} ends at {}: {hit:?}", ray.t_max));
+        }
+        let expected = reference.closest(ray, &mut scratch);
+        agreement.hits += usize::from(expected.is_some());
+        match (hit, expected) {
+            (Some(a), Some(b)) => {
+                let same = a.primitive == b.primitive && (a.t - b.t).abs() <= tolerance * b.t;
+                agreement.elsewhere += usize::from(!same);
+            }
+            (a, b) => agreement.hit_or_not += usize::from(a.is_some() != b.is_some()),
+        }
+    }
+
+    // The same for segments.
+    let mut occluded = vec![false; segments.len()];
+    batch.occluded_batch(segments, &mut occluded).map_err(failed)?;
+    let mut parts = vec![false; segments.len()];
+    let middle = segments.len() / 3;
+    batch.occluded_batch(&segments[..middle], &mut parts[..middle]).map_err(failed)?;
+    batch.occluded_batch(&segments[middle..], &mut parts[middle..]).map_err(failed)?;
+    if let Some(i) = (0..segments.len()).find(|&i| occluded[i] != parts[i]) {
+        return Err(format!("segment {i}: {} in one batch, {} in two", occluded[i], parts[i]));
+    }
+    for (segment, &occluded) in segments.iter().zip(&occluded) {
+        let expected = reference.occluded(segment, &mut scratch);
+        agreement.blocked += usize::from(expected);
+        agreement.blocked_or_not += usize::from(expected != occluded);
+    }
+    if agreement.differ() > tolerated {
+        return Err(format!("{} of {tolerated} tolerated answers differ: {agreement:?}", agreement.differ()));
+    }
+    Ok(agreement)
 }
 
 /// Probability, for a right sampler, of counts at least as far from what is expected as these: Pearson's chi²

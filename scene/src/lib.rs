@@ -41,8 +41,8 @@ pub use open::{SceneError, open};
 pub use particles::{Arrival, WalkParams, WalkReport, virtual_lights, walk};
 pub use path_trace::{NoDirect, PathTracer};
 pub use rays::{
-    AcceptAll, BuildStats, HitFilter, Path as RayPath, RaysError, RaysParams, SceneRays,
-    Scratch as RayScratch, Surface, WideBvh, offset,
+    AcceptAll, BuildStats, FlatInstance, FlatMesh, FlatNode, FlatRays, FlatTree, HitFilter, Path as RayPath,
+    RaysError, RaysParams, SceneRays, Scratch as RayScratch, Surface, WideBvh, offset,
 };
 pub use render::{
     Counts, DirectLighting, Frame, IndirectLighting, NoIndirect, Progress, RenderError, RenderParams,

@@ -366,12 +366,12 @@ fn boxes(node: &Node, ray: &Traced, t_max: f32) -> ([f32; LANES], u32) {
 }
 
 /// The same map in f64.
-fn exact(map: Affine3A) -> DAffine3 {
+pub(super) fn exact(map: Affine3A) -> DAffine3 {
     DAffine3 { matrix3: map.matrix3.as_dmat3(), translation: map.translation.as_dvec3() }
 }
 
 /// The inverse of an affine map, if it has a finite one.
-fn inverse(map: DAffine3) -> Option<DAffine3> {
+pub(super) fn inverse(map: DAffine3) -> Option<DAffine3> {
     let det = map.matrix3.determinant();
     let inverse = map.inverse();
     (det != 0.0 && inverse.is_finite()).then_some(inverse)
@@ -379,7 +379,7 @@ fn inverse(map: DAffine3) -> Option<DAffine3> {
 
 /// World-space box of transformed points, padded by the rounding of coordinates on both sides of the map: the mesh may
 /// lie far from its own origin and be brought back by the map.
-fn world_box(points: &[Vec3], map: DAffine3) -> Aabb {
+pub(super) fn world_box(points: &[Vec3], map: DAffine3) -> Aabb {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let mut largest = DVec3::ZERO;
     for p in points {

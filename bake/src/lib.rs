@@ -1,0 +1,31 @@
+//! Incrementally baked global illumination: lightmaps that follow the edits of a scene, the largest changes first, consistent at every moment.
+//!
+//! Luksch, Wimmer and Schwärzler, "Incrementally Baked Global Illumination", I3D 2019.
+//!
+//! Two halves that meet in one record. The *core* knows lights, traces paths, and keeps a cut of clusters through them; it says which
+//! [`VirtualLight`]s the baked light consists of, and how that changes. Whoever stores baked light (the lightmap of this crate, a host's own probes) applies
+//! each [`Update`] with shadow rays of its own.
+//!
+//! # The interface between the halves
+//!
+//! - A [`VirtualLight`] is a self-contained record: shape, flux, profile, and the seed of its jitter. What it sends to a receiver, visibility
+//!   aside, is [`VirtualLight::incident`], a pure function of the record, the receiver and two uniform numbers.
+//! - A [`GeometryVersion`] names one state of everything that shadow rays and receivers depend on: which objects there are, and where. Colours are no part of it.
+//! - A [`Contribution`] is a light under a version. It is *added* once and later *subtracted* once, as the same record under the same version. The host
+//!   answers shadow rays for every version that some contribution still names, and places the receivers as they were in that version.
+//! - An [`Update`] subtracts some contributions and adds others. They belong together: readers must see all of it or nothing.
+//!
+//! So an accumulator whose sums do not depend on order (fixed point) and whose jitter is a function of [`VirtualLight::seed`] and the receiver's index alone comes
+//! back to the same bits when an edit is undone.
+
+mod incident;
+mod polygon;
+mod profile;
+mod update;
+mod virtual_light;
+
+pub use incident::{Incident, Target};
+pub use polygon::Polygon;
+pub use profile::{IntensityTable, Profile, TableError};
+pub use update::{Contribution, GeometryVersion, Update};
+pub use virtual_light::{Shape, VirtualLight};

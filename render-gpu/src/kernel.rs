@@ -1,0 +1,146 @@
+//! One entry point of a module as a pipeline, with its bindings.
+
+use wgpu::{
+    BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor,
+    BindGroupLayoutEntry, BindingType, Buffer, BufferBindingType, ComputePass, ComputePipeline, ShaderModule,
+    ShaderStages,
+};
+
+use crate::{Gpu, GpuError, source::Source};
+
+/// What a binding of group 0 is; the place in the list is its number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Binding {
+    /// `var<storage, read>`.
+    Read,
+    /// `var<storage, read_write>`.
+    Write,
+    /// `var<uniform>`.
+    Uniform,
+}
+
+/// A pipeline and the layout of its bind group.
+#[derive(Clone, Debug)]
+pub(crate) struct Kernel {
+    label: &'static str,
+    layout: BindGroupLayout,
+    pipeline: ComputePipeline,
+}
+
+/// Compiles a module, with `receiver` after it where there is one.
+pub(crate) fn module(gpu: &Gpu, source: &Source, receiver: Option<&str>) -> Result<ShaderModule, GpuError> {
+    let text = format!("{}\n{}", source.text, receiver.unwrap_or_default());
+    gpu.create(
+        || format!("the module `{}`", source.name),
+        |device| {
+            device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(source.name),
+                source: wgpu::ShaderSource::Wgsl(text.into()),
+            })
+        },
+    )
+}
+
+impl Kernel {
+    /// The entry point `label` of a module, with these values of its `override` constants.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        module: &ShaderModule,
+        label: &'static str,
+        bindings: &[Binding],
+        constants: &[(&str, f64)],
+    ) -> Result<Self, GpuError> {
+        let entries: Vec<_> = bindings.iter().zip(0..).map(|(kind, binding)| entry(binding, *kind)).collect();
+        gpu.create(
+            || format!("the kernel `{label}`"),
+            |device| {
+                let layout = device.create_bind_group_layout(&BindGroupLayoutDescriptor {
+                    label: Some(label),
+                    entries: &entries,
+                });
+                let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                    label: Some(label),
+                    bind_group_layouts: &[Some(&layout)],
+                    immediate_size: 0,
+                });
+                let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label: Some(label),
+                    layout: Some(&pipeline_layout),
+                    module,
+                    entry_point: Some(label),
+                    // Kernels write what they read of workgroup memory.
+                    compilation_options: wgpu::PipelineCompilationOptions {
+                        constants,
+                        zero_initialize_workgroup_memory: false,
+                    },
+                    cache: None,
+                });
+                Self { label, layout, pipeline }
+            },
+        )
+    }
+
+    /// Binds these buffers, all of each, in the order of the bindings.
+    pub(crate) fn bind(&self, gpu: &Gpu, buffers: &[&Buffer]) -> Result<BindGroup, GpuError> {
+        let entries: Vec<_> = buffers
+            .iter()
+            .zip(0..)
+            .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .collect();
+        gpu.create(
+            || format!("the bindings of `{}`", self.label),
+            |device| {
+                device.create_bind_group(&BindGroupDescriptor {
+                    label: Some(self.label),
+                    layout: &self.layout,
+                    entries: &entries,
+                })
+            },
+        )
+    }
+
+    /// Records so many workgroups; none at all for 0.
+    pub(crate) fn dispatch(&self, pass: &mut ComputePass<'_>, group: &BindGroup, workgroups: u32) {
+        if workgroups > 0 {
+            let [x, y] = grid(workgroups);
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, group, &[]);
+            pass.dispatch_workgroups(x, y, 1);
+        }
+    }
+}
+
+/// At least so many workgroups in two dimensions, neither above WebGPU's 65535. Kernels number them row by row (`workgroup_index` in
+/// `shaders/lib/grid.wgsl`) and leave alone what is beyond their input.
+pub(crate) fn grid(workgroups: u32) -> [u32; 2] {
+    let rows = workgroups.div_ceil(65535);
+    [workgroups.div_ceil(rows.max(1)), rows]
+}
+
+fn entry(binding: u32, kind: Binding) -> BindGroupLayoutEntry {
+    let ty = match kind {
+        Binding::Read => BufferBindingType::Storage { read_only: true },
+        Binding::Write => BufferBindingType::Storage { read_only: false },
+        Binding::Uniform => BufferBindingType::Uniform,
+    };
+    BindGroupLayoutEntry {
+        binding,
+        visibility: ShaderStages::COMPUTE,
+        ty: BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::grid;
+
+    #[test]
+    fn grids_hold_all_workgroups() {
+        for workgroups in [1, 2, 65535, 65536, 131_071, 10_000_019, u32::MAX / 4] {
+            let [x, y] = grid(workgroups);
+            assert!(x <= 65535 && y <= 65535 && u64::from(x) * u64::from(y) >= workgroups.into());
+            assert!(u64::from(x) * u64::from(y - 1) < workgroups.into(), "no row too many");
+        }
+    }
+}

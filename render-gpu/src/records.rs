@@ -1,0 +1,81 @@
+//! The records that host and kernels share, byte for byte.
+//!
+//! Each is a WGSL struct of the same name. `tests/layout.rs` compares sizes and offsets of all of [`LAYOUTS`] with what naga makes of the
+//! modules; it needs no GPU.
+
+use bytemuck::{Pod, Zeroable};
+use lighttree::LightBounds;
+
+/// One light as the tree's builder reads it: a box and a strength. Written by the host, or by a kernel of its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct LightRecord {
+    /// Smallest coordinates of the box that holds all emitting points, world space.
+    pub min: [f32; 3],
+    /// Peak radiant intensity, W·sr⁻¹; 0: the light is left out of the tree, and counted.
+    pub intensity: f32,
+    /// Largest coordinates.
+    pub max: [f32; 3],
+    /// Not looked at: room for the host's own.
+    pub user: u32,
+}
+
+impl LightRecord {
+    /// Box and intensity of these bounds. A perfect tree knows no directions.
+    pub fn new(bounds: &LightBounds) -> Self {
+        Self { min: bounds.min.to_array(), intensity: bounds.intensity, max: bounds.max.to_array(), user: 0 }
+    }
+}
+
+/// What is known of a tree as a whole; written by the device when it builds one.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TreeHeader {
+    /// Smallest half centre ((min + max) / 4) of the lights in the tree.
+    pub min: [f32; 3],
+    /// Lights in the tree.
+    pub len: u32,
+    /// Morton cells per unit of a half centre, for each axis; 0 where all are in one place.
+    pub scale: [f32; 3],
+    /// Depth of the leaves; the root is at 0.
+    pub depth: u32,
+    /// Lights left out because their intensity is 0.
+    pub dropped: u32,
+    /// Lights left out because a number of theirs is NaN, infinite or negative, or their box inverted. The CPU's builder
+    /// refuses such lights; a frame has nobody to refuse to, so they are counted.
+    pub invalid: u32,
+    /// One unit of a node's intensity stands for 2 to this power, W·sr⁻¹.
+    pub unit_exponent: u32,
+    /// Nodes that are not leaves; they come first.
+    pub inner: u32,
+    /// Index of the first node at each depth.
+    pub starts: [u32; 32],
+}
+
+/// Size and offsets of a record.
+#[derive(Clone, Copy, Debug)]
+pub struct Layout {
+    /// Name, here and in WGSL.
+    pub name: &'static str,
+    /// Bytes from one to the next in an array.
+    pub size: usize,
+    /// Names and offsets of the fields.
+    pub fields: &'static [(&'static str, usize)],
+}
+
+macro_rules! layout {
+    ($record:ty, $name:literal: $($field:ident),+ $(,)?) => {
+        Layout {
+            name: $name,
+            size: size_of::<$record>(),
+            fields: &[$((stringify!($field), core::mem::offset_of!($record, $field))),+],
+        }
+    };
+}
+
+/// Every record that is shared.
+pub const LAYOUTS: &[Layout] = &[
+    layout!(LightRecord, "LightRecord": min, intensity, max, user),
+    layout!(lighttree::PerfectNode, "PerfectNode": min, intensity, max, id),
+    layout!(TreeHeader, "TreeHeader": min, len, scale, depth, dropped, invalid, unit_exponent, inner, starts),
+];

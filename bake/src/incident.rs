@@ -42,10 +42,10 @@ impl VirtualLight {
         match &self.shape {
             Shape::Point { position: light, profile, frame } => {
                 let towards = *light - position;
-                self.from_point(towards, *light, normal, |d| profile.relative_intensity(frame.inverse() * d))
+                self.of_point(towards, *light, normal, |d| profile.relative_intensity(frame.inverse() * d))
             }
             Shape::Sphere { center, radius, part } => {
-                self.from_sphere(position, normal, *center, *radius, stratum(*part, u))
+                self.of_sphere(position, normal, *center, *radius, stratum(*part, u))
             }
             Shape::Disk { position: center, normal: axis, radius } => {
                 let towards = (*center - position).as_dvec3();
@@ -56,13 +56,11 @@ impl VirtualLight {
                 let fluence = self.flux * ((FRAC_1_PI * cos_light) * (1.0 / widened) as f32);
                 incident(Target::At(*center), direction, fluence, normal, cos_light > 0.0)
             }
-            Shape::Polygon { polygon, two_sided } => {
-                self.from_polygon(position, normal, polygon, *two_sided, u)
-            }
+            Shape::Polygon(polygon) => self.of_polygon(position, normal, polygon, u),
             Shape::ShapedPolygon { polygon, profile, frame } => {
                 let point = polygon.point(u);
                 let toward = |d| shaped(profile, *frame, d);
-                self.from_point(point - position, point, normal, toward)
+                self.of_point(point - position, point, normal, toward)
             }
             Shape::Sky { frame, cos, around } => {
                 let z = cos[0] + u[0] * (cos[1] - cos[0]);
@@ -75,7 +73,7 @@ impl VirtualLight {
     }
 
     /// Intensity as `relative` (sr⁻¹) says for the direction away from the light.
-    fn from_point(
+    fn of_point(
         &self,
         towards: Vec3,
         target: Vec3,
@@ -90,7 +88,7 @@ impl VirtualLight {
 
     /// The disk that is seen of a sphere has the same radiance everywhere, and its irradiance is that of a point at the centre while all of it is above the
     /// horizon. A point of it, evenly over the solid angle; what is below the horizon gets no light, as every sample for itself.
-    fn from_sphere(
+    fn of_sphere(
         &self,
         position: Vec3,
         normal: Vec3,
@@ -101,7 +99,7 @@ impl VirtualLight {
         let towards = (center - position).as_dvec3();
         let squared = towards.length_squared();
         let sine_squared = f64::from(radius).powi(2) / squared;
-        if !(sine_squared < 1.0) {
+        if sine_squared.is_nan() || sine_squared >= 1.0 {
             return None;
         }
         let one_minus_cos = sine_squared / (1.0 + (1.0 - sine_squared).sqrt());
@@ -120,38 +118,31 @@ impl VirtualLight {
         incident(Target::At(point.as_vec3()), direction.as_vec3(), fluence, normal, true)
     }
 
-    fn from_polygon(
-        &self,
-        position: Vec3,
-        normal: Vec3,
-        polygon: &Polygon,
-        two_sided: bool,
-        u: [f32; 2],
-    ) -> Option<Incident> {
+    fn of_polygon(&self, position: Vec3, normal: Vec3, polygon: &Polygon, u: [f32; 2]) -> Option<Incident> {
         let height = polygon.normal().dot(position - polygon.centroid());
-        if !(height > 0.0 || two_sided && height < 0.0) {
+        if height.is_nan() || height <= 0.0 {
             return None;
         }
         let point = polygon.point(u);
-        let sides = if two_sided { 2.0 } else { 1.0 };
         let towards = (point - position).as_dvec3();
         let near = NEAR * polygon.radius();
         if polygon.centroid().distance_squared(position) > near * near {
             let direction = towards.try_normalize()?.as_vec3();
-            let cos_light = polygon.normal().dot(direction).abs();
-            let relative = FRAC_1_PI * cos_light / sides;
-            let fluence = self.flux * (f64::from(relative) / towards.length_squared()) as f32;
-            return incident(Target::At(point), direction, fluence, normal, true);
+            let cos_light = -polygon.normal().dot(direction);
+            let fluence = self.flux * (f64::from(FRAC_1_PI * cos_light) / towards.length_squared()) as f32;
+            return incident(Target::At(point), direction, fluence, normal, cos_light > 0.0);
         }
-        let radiance = self.flux / (PI * sides * polygon.area());
-        let seen = if height > 0.0 { *polygon } else { polygon.flipped() };
-        let (irradiance, vector) = seen.irradiance(position, normal);
-        let solid_angle = seen.solid_angle(position, normal);
+        let radiance = self.flux / (PI * polygon.area());
+        let (irradiance, vector) = polygon.irradiance(position, normal);
+        let solid_angle = polygon.solid_angle(position, normal);
         if !(irradiance > 0.0 && solid_angle > 0.0) {
             return None;
         }
-        let target =
-            if normal.dot(towards.as_vec3()) > 0.0 { point } else { point_above(&seen, position, normal, u) };
+        let target = if normal.dot(towards.as_vec3()) > 0.0 {
+            point
+        } else {
+            point_above(polygon, position, normal, u)
+        };
         Some(Incident {
             target: Target::At(target),
             irradiance: radiance * irradiance as f32,
@@ -184,11 +175,16 @@ fn shaped(profile: &Profile, frame: Quat, direction: Vec3) -> f32 {
     profile.relative_intensity(frame.inverse() * direction)
 }
 
-/// A part's share of the unit square, a power of two of them.
+/// A part's share of the unit square: the bits of its number, highest first, halve it in turns, so that the parts `2i` and `2i + 1` of twice as many
+/// are part `i`.
 fn stratum([part, parts]: [u32; 2], [u, v]: [f32; 2]) -> [f32; 2] {
-    let columns = 1u32 << (parts.max(1).ilog2() / 2);
-    let rows = parts.max(1) / columns;
-    [((part % columns) as f32 + u) / columns as f32, ((part / columns) as f32 + v) / rows as f32]
+    let (mut low, mut size) = ([0.0f32; 2], [1.0f32; 2]);
+    for (turn, bit) in (0..parts.max(1).ilog2()).rev().enumerate() {
+        let axis = turn % 2;
+        size[axis] *= 0.5;
+        low[axis] += size[axis] * (part >> bit & 1) as f32;
+    }
+    [low[0] + u * size[0], low[1] + v * size[1]]
 }
 
 #[cfg(test)]
@@ -234,18 +230,13 @@ mod tests {
     fn a_polygon_is_the_same_near_and_far() {
         let at = |x: f32, z: f32| Vec3::new(x, 3.0, z);
         let polygon = Polygon::new(&[at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)]).unwrap();
-        for two_sided in [false, true] {
-            let light =
-                VirtualLight { shape: Shape::Polygon { polygon, two_sided }, flux: Vec3::ONE, seed: 0 };
-            for d in [6.9, 7.2] {
-                let position = Vec3::new(0.0, 3.0 - d, 0.1);
-                let exact = polygon.irradiance(position, Vec3::Y).0 / 4.0 / core::f64::consts::PI;
-                let exact = if two_sided { 0.5 * exact } else { exact };
-                assert!((mean(&light, position, Vec3::Y) / exact - 1.0).abs() < 1e-3);
-            }
-            let behind = light.incident(Vec3::new(0.0, 4.0, 0.0), Vec3::NEG_Y, [0.5; 2]);
-            assert_eq!(behind.is_some(), two_sided);
+        let light = VirtualLight { shape: Shape::Polygon(polygon), flux: Vec3::ONE, seed: 0 };
+        for d in [6.9, 7.2] {
+            let position = Vec3::new(0.0, 3.0 - d, 0.1);
+            let exact = polygon.irradiance(position, Vec3::Y).0 / 4.0 / core::f64::consts::PI;
+            assert!((mean(&light, position, Vec3::Y) / exact - 1.0).abs() < 1e-3);
         }
+        assert_eq!(light.incident(Vec3::new(0.0, 4.0, 0.0), Vec3::NEG_Y, [0.5; 2]), None);
     }
 
     /// A whole dome of radiance 1 has irradiance π on a plane below it.

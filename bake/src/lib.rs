@@ -18,13 +18,19 @@
 //! So an accumulator whose sums do not depend on order (fixed point) and whose jitter is a function of [`VirtualLight::seed`] and the receiver's index alone comes
 //! back to the same bits when an edit is undone.
 
+mod aperture;
+mod hull;
 mod incident;
+mod light;
+mod normal_code;
 mod polygon;
 mod profile;
+mod sums;
 mod update;
 mod virtual_light;
 
 pub use incident::{Incident, Target};
+pub use light::{Aperture, Light, LightError, LightKey};
 pub use polygon::Polygon;
 pub use profile::{IntensityTable, Profile, TableError};
 pub use update::{Contribution, GeometryVersion, Update};

@@ -38,6 +38,50 @@ impl Profile {
     }
 }
 
+/// The largest I / Φ that steers: a cone of half a degree. A laser has no more of it.
+const PEAK: f64 = 4180.0;
+
+impl Profile {
+    /// Largest I / Φ, sr⁻¹, at most that of a cone of half a degree; of a Lambertian surface or a uniform point.
+    pub(crate) fn directionality(&self, is_surface: bool) -> f64 {
+        let peak = match self {
+            Self::Lambert => {
+                if is_surface {
+                    1.0 / PI
+                } else {
+                    0.25 / PI
+                }
+            }
+            Self::Spot { cos_inner, cos_outer } => 1.0 / f64::from(spot_solid_angle(*cos_inner, *cos_outer)),
+            Self::Table(table) => f64::from(table.relative_peak()),
+        };
+        peak.min(PEAK)
+    }
+
+    /// A direction in the light's frame for two uniform numbers, and what its power is to be multiplied with (1 in the mean, and always but for tables).
+    /// Lambert is uniform here.
+    pub(crate) fn emit(&self, [u, v]: [f32; 2]) -> (Vec3, f32) {
+        let (z, phi, weight) = match self {
+            Self::Lambert => (1.0 - 2.0 * u, v * core::f32::consts::TAU, 1.0),
+            Self::Spot { cos_inner, cos_outer } => {
+                let (inner, outer) = (f64::from(*cos_inner), f64::from(*cos_outer));
+                let (full, ramp) = (1.0 - inner, (inner - outer) / 3.0);
+                let mass = f64::from(u) * (full + ramp);
+                // The ramp's integral is a cubic from the outer edge on.
+                let cos = if mass < full {
+                    1.0 - mass
+                } else {
+                    outer + (inner - outer) * ((full + ramp - mass) / ramp).clamp(0.0, 1.0).cbrt()
+                };
+                (-cos as f32, v * core::f32::consts::TAU, 1.0)
+            }
+            Self::Table(table) => return table.emit([u, v]),
+        };
+        let sine = (1.0 - z * z).max(0.0).sqrt();
+        (Vec3::new(sine * phi.cos(), sine * phi.sin(), z), weight)
+    }
+}
+
 /// Full inside, a squared ramp, nothing outside. Equal cones are a sharp edge.
 pub(crate) fn spot_falloff(cos: f32, cos_inner: f32, cos_outer: f32) -> f32 {
     if cos >= cos_inner {
@@ -47,6 +91,11 @@ pub(crate) fn spot_falloff(cos: f32, cos_inner: f32, cos_outer: f32) -> f32 {
     } else {
         ((cos - cos_outer) / (cos_inner - cos_outer)).powi(2)
     }
+}
+
+/// Whether cosines are those of a spot.
+pub(crate) fn spot_is_sound(cos_inner: f32, cos_outer: f32) -> bool {
+    (-1.0..1.0).contains(&cos_outer) && (cos_outer..=1.0).contains(&cos_inner)
 }
 
 /// ∫ falloff dω: the ramp weighs a third of its solid angle.
@@ -70,6 +119,8 @@ pub struct IntensityTable {
     /// ∫ candela dω of the bilinear table, lm.
     flux: f64,
     peak: f32,
+    /// Up to each cell of plane intervals × angle intervals, the share of the flux.
+    cumulative: Vec<f32>,
 }
 
 /// Why there is no table.
@@ -161,9 +212,13 @@ impl IntensityTable {
             return Err(TableError::Intensity { index });
         }
         let peak = candela.iter().copied().fold(0.0, f32::max);
-        let mut table = Self { planes, gammas, candela, flux: 0.0, peak };
+        let mut table = Self { planes, gammas, candela, flux: 0.0, peak, cumulative: Vec::new() };
         table.flux = table.integrate();
-        if table.flux > 0.0 && table.flux.is_finite() { Ok(table) } else { Err(TableError::Flux) }
+        if !(table.flux > 0.0 && table.flux.is_finite()) {
+            return Err(TableError::Flux);
+        }
+        table.accumulate();
+        Ok(table)
     }
 
     /// The flux that the table sums up to, lm: never what a file claims.
@@ -209,27 +264,62 @@ impl IntensityTable {
         (f64::from(self.peak) / self.flux) as f32
     }
 
-    /// Exact for the bilinear table: intensity is linear in γ on each interval, and mean over an interval of planes.
+    /// Sums over cells, exact for the bilinear table: intensity is linear in γ on each interval, and mean over an interval of planes.
     fn integrate(&self) -> f64 {
-        let row = |plane: usize| -> f64 {
-            let values = &self.candela[plane * self.gammas.len()..][..self.gammas.len()];
-            let interval = |i: usize| {
-                let [a, b] = [i, i + 1].map(|i| f64::from(self.gammas[i]).to_radians());
-                let [va, vb] = [i, i + 1].map(|i| f64::from(values[i]));
-                // ∫ (va + s (γ - a)) sin γ dγ
-                let slope = (vb - va) / (b - a);
-                va * a.cos() - vb * b.cos() + slope * (b.sin() - a.sin())
-            };
-            (0..values.len() - 1).map(interval).sum()
+        (0..self.cells()).map(|cell| self.cell_flux(cell)).sum()
+    }
+
+    fn accumulate(&mut self) {
+        let mut sum = 0.0;
+        let upto = |cell| {
+            sum += self.cell_flux(cell);
+            (sum / self.flux) as f32
+        };
+        self.cumulative = (0..self.cells()).map(upto).collect();
+    }
+
+    fn cells(&self) -> usize {
+        (self.planes.len() - 1).max(1) * (self.gammas.len() - 1)
+    }
+
+    /// First plane and first angle of a cell; with one plane, its cells are rings.
+    fn cell(&self, cell: usize) -> (usize, usize) {
+        (cell / (self.gammas.len() - 1), cell % (self.gammas.len() - 1))
+    }
+
+    fn cell_flux(&self, cell: usize) -> f64 {
+        let (p, g) = self.cell(cell);
+        let [a, b] = [g, g + 1].map(|i| f64::from(self.gammas[i]).to_radians());
+        let strip = |plane: usize| {
+            let [va, vb] = [g, g + 1].map(|i| f64::from(self.candela[plane * self.gammas.len() + i]));
+            // ∫ (va + s (γ - a)) sin γ dγ
+            va * a.cos() - vb * b.cos() + (vb - va) / (b - a) * (b.sin() - a.sin())
         };
         if self.planes.len() == 1 {
-            return 2.0 * PI * row(0);
+            return 2.0 * PI * strip(0);
         }
-        let wedge = |p: usize| {
-            let width = f64::from(self.planes[p + 1] - self.planes[p]).to_radians();
-            0.5 * width * (row(p) + row(p + 1))
-        };
-        (0..self.planes.len() - 1).map(wedge).sum()
+        let width = f64::from(self.planes[p + 1] - self.planes[p]).to_radians();
+        0.5 * width * (strip(p) + strip(p + 1)).max(0.0)
+    }
+
+    /// A direction for two uniform numbers: a cell by its flux, evenly over the cell's solid angle, and the intensity there over the cell's mean.
+    fn emit(&self, [u, v]: [f32; 2]) -> (Vec3, f32) {
+        let cell = self.cumulative.partition_point(|&upto| upto <= u).min(self.cumulative.len() - 1);
+        let below = if cell == 0 { 0.0 } else { self.cumulative[cell - 1] };
+        let share = self.cumulative[cell] - below;
+        let u = if share > 0.0 { ((u - below) / share).clamp(0.0, 1.0) } else { 0.5 };
+        let (p, g) = self.cell(cell);
+        let [first, last] = [g, g + 1].map(|i| f64::from(self.gammas[i]).to_radians().cos());
+        let z = first + f64::from(u) * (last - first);
+        let (from, to) =
+            if self.planes.len() == 1 { (0.0, 360.0) } else { (self.planes[p], self.planes[p + 1]) };
+        let phi = f64::from(from + v * (to - from)).to_radians();
+        let sine = (1.0 - z * z).max(0.0).sqrt();
+        let direction = Vec3::new((sine * phi.cos()) as f32, (sine * phi.sin()) as f32, -z as f32);
+        let solid_angle = (first - last) * f64::from(to - from).to_radians();
+        let mean = self.cell_flux(cell) / solid_angle;
+        let weight = if mean > 0.0 { f64::from(self.intensity(direction)) / mean } else { 0.0 };
+        (direction, weight as f32)
     }
 }
 
@@ -268,6 +358,29 @@ mod tests {
         assert!((table.flux() / numeric - 1.0).abs() < 1e-3, "{} and {numeric}", table.flux());
         assert_eq!(table.intensity(Vec3::NEG_Z), 5.0);
         assert_eq!(table.intensity(Vec3::Z), 0.0);
+    }
+
+    /// Power that goes below a cone is the integral of the profile there.
+    #[test]
+    fn emission_follows_the_profile() {
+        let candela = vec![5.0, 3.0, 0.0, 1.0, 4.0, 2.0, 5.0, 3.0, 0.0];
+        let table = IntensityTable::new(vec![0.0, 120.0, 360.0], vec![0.0, 40.0, 100.0], candela).unwrap();
+        let spot = Profile::Spot { cos_inner: 0.9, cos_outer: 0.5 };
+        for profile in [Profile::Lambert, spot, Profile::Table(Arc::new(table))] {
+            let n = 300;
+            let axis = Vec3::new(0.3, 0.2, -0.8).normalize();
+            let inside = |d: Vec3| d.dot(axis) > 0.8;
+            let (mut drawn, mut integral) = (0.0, 0.0);
+            for i in 0..n * n {
+                let u = [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|x| x / n as f32);
+                let (direction, weight) = profile.emit(u);
+                drawn += if inside(direction) { f64::from(weight) } else { 0.0 };
+                let (even, _) = Profile::Lambert.emit(u);
+                integral +=
+                    if inside(even) { 4.0 * PI * f64::from(profile.relative_intensity(even)) } else { 0.0 };
+            }
+            assert!((drawn / integral - 1.0).abs() < 0.01, "{profile:?}: {drawn} and {integral}");
+        }
     }
 
     #[test]

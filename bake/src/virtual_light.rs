@@ -48,13 +48,8 @@ pub enum Shape {
         /// Radius, above 0: at most this takes the pole 1/d² away.
         radius: f32,
     },
-    /// A flat piece of lamp or wall with the same radiance everywhere.
-    Polygon {
-        /// Its outline.
-        polygon: Polygon,
-        /// Shines from both sides, half of the flux each.
-        two_sided: bool,
-    },
+    /// A flat piece of lamp or wall with the same radiance everywhere, on the side of its normal.
+    Polygon(Polygon),
     /// A flat piece of lamp whose every point has the same profile.
     ShapedPolygon {
         /// Its outline; light leaves wherever the profile says, on both sides.

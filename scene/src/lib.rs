@@ -16,6 +16,7 @@ mod light;
 mod material;
 mod metrics;
 mod model;
+mod next_event;
 mod open;
 mod particles;
 mod path_trace;
@@ -37,9 +38,10 @@ pub use light::{DistantLight, Light, LightPoint, LightView, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
 pub use metrics::{Errors, MetricError, compare};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};
+pub use next_event::{NextEvent, NextEventDraw};
 pub use open::{SceneError, open};
 pub use particles::{Arrival, WalkParams, WalkReport, virtual_lights, walk};
-pub use path_trace::{NoDirect, PathTracer};
+pub use path_trace::{NoDirect, PathScratch, PathTracer};
 pub use rays::{
     AcceptAll, BuildStats, FlatInstance, FlatMesh, FlatNode, FlatRays, FlatTree, HitFilter, Path as RayPath,
     RaysError, RaysParams, SceneRays, Scratch as RayScratch, Surface, WideBvh, offset,

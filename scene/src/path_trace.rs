@@ -1,22 +1,24 @@
 //! An unbiased path tracer: the truth for global illumination, and indirect light for every other method.
 //!
-//! Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995: at each vertex one light is drawn and one
-//! direction, combined by the power heuristic (section 3.4, exponent 2). Lights without an area can only be drawn,
+//! Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995: at each vertex lights are drawn, one as
+//! a rule, and one direction, combined by the power heuristic (section 3.4, exponent 2; equation 14 for several lights). Lights without an area can only be drawn,
 //! emitters behind mirrors and glass can only be hit.
 
 use glam::{DVec3, Vec3};
-use lighttree::rng::{Decisions, Random};
-use lighttree::{LightId, LightSample, LightSampler};
+use lighttree::LightId;
+use lighttree::rng::Random;
 
 use crate::Light;
 use crate::bsdf::Transport;
+use crate::film::luminance;
+use crate::next_event::{NextEvent, NextEventDraw};
 use crate::render::{Counts, DirectLighting, Frame, IndirectLighting, distant_light};
 use crate::shading::{Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, Vertex, vertex};
 
 /// Path tracing from shading points on.
 #[derive(Clone, Debug)]
 pub struct PathTracer<S> {
-    /// Draws lights at each vertex; has to know [`Frame::lights`].
+    /// Draws lights at each vertex ([`NextEvent`]); has to know [`Frame::lights`].
     pub sampler: S,
     /// Indirect bounces: vertices after the shading point that are lit directly. 0: no indirect light.
     pub bounces: u32,
@@ -53,11 +55,35 @@ impl<S> PathTracer<S> {
     }
 }
 
-impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> IndirectLighting<Q> for PathTracer<S> {
+/// Reused from path to path.
+#[derive(Debug)]
+pub struct PathScratch<S: NextEvent> {
+    draws: S::Scratch,
+    drawn: Vec<NextEventDraw<S::Tag>>,
+}
+
+impl<S: NextEvent> Default for PathScratch<S> {
+    fn default() -> Self {
+        Self { draws: S::Scratch::default(), drawn: Vec::new() }
+    }
+}
+
+impl<Q: Geometry, S: NextEvent> IndirectLighting<Q> for PathTracer<S> {
+    type Scratch = PathScratch<S>;
+
+    fn begin_unit(&self, scratch: &mut PathScratch<S>) {
+        self.sampler.begin_unit(&mut scratch.draws);
+    }
+
+    fn begin_pass(&self, scratch: &mut PathScratch<S>) {
+        self.sampler.begin_pass(&mut scratch.draws);
+    }
+
     fn radiance(
         &self,
         frame: &Frame<'_, Q>,
         first: &ShadingPoint,
+        scratch: &mut PathScratch<S>,
         rays: &mut Q::Scratch,
         counts: &mut Counts,
     ) -> DVec3 {
@@ -72,7 +98,7 @@ impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> IndirectLighting<Q> for 
             // Light this vertex: by lights drawn, and those without a place.
             let lit = bounce > 0 || self.direct;
             if lit {
-                sum += throughput * self.drawn_light(frame, &point, &mut random, rays, counts).as_dvec3();
+                sum += throughput * self.drawn_light(frame, &point, &mut random, scratch, rays, counts);
             }
             if bounce > 0 {
                 sum += throughput * distant_light(frame, &point, rays, counts);
@@ -95,7 +121,7 @@ impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> IndirectLighting<Q> for 
                 break;
             };
             if lit && next.emission != Vec3::ZERO {
-                let weight = self.hit_weight(&point, step.pdf, step.wi, &next, frame.lights);
+                let weight = self.hit_weight(&point, step.pdf, step.wi, &next, frame.lights, scratch);
                 sum += throughput * (next.emission.as_dvec3() * weight);
             }
             if last {
@@ -121,7 +147,7 @@ impl<Q: Geometry, S: LightSampler<ShadingPoint> + Sync> IndirectLighting<Q> for 
     }
 }
 
-impl<S: LightSampler<ShadingPoint>> PathTracer<S> {
+impl<S: NextEvent> PathTracer<S> {
     /// Follows mirrors and glass from `found` to the next point to be lit; emitters on the way could not have been drawn.
     #[expect(clippy::too_many_arguments, reason = "the state of one path")]
     fn through_specular<Q: Geometry>(
@@ -152,46 +178,58 @@ impl<S: LightSampler<ShadingPoint>> PathTracer<S> {
         None
     }
 
-    /// Direct light at `point` from one light drawn, weighted against drawing its direction from the BSDF.
+    /// Direct light at `point` from the lights drawn, each weighted against drawing its direction from the BSDF.
     fn drawn_light<Q: Geometry>(
         &self,
         frame: &Frame<'_, Q>,
         point: &ShadingPoint,
         random: &mut Random,
+        scratch: &mut PathScratch<S>,
         rays: &mut Q::Scratch,
         counts: &mut Counts,
-    ) -> Vec3 {
-        let mut decisions = Decisions::new(random.clone());
-        let sample = self.sampler.sample(point, &mut decisions);
-        *random = decisions.into_stream();
-        let Some(LightSample { light, pmf }) = sample else { return Vec3::ZERO };
-        let light = &frame.lights[light.0 as usize];
-        let at = light.point(frame.scene, [random.f32(), random.f32()], point.position);
-        counts.light_evaluations += 1;
-        let value = point.contribution(&at);
-        if value == Vec3::ZERO {
-            return Vec3::ZERO;
-        }
-        counts.shadow_rays += 1;
-        if frame.rays.occluded(&point.segment(&at), rays) {
-            return Vec3::ZERO;
-        }
-        let weight = match at.from(point.position) {
-            Some((wi, squared)) if !light.is_point() => {
-                let drawn = pmf * light.density(point.position, wi, squared);
-                power_heuristic(drawn, f64::from(point.bsdf.pdf(point.normal, point.wo, wi)))
+    ) -> DVec3 {
+        let PathScratch { draws, drawn } = scratch;
+        self.sampler.draw(point, random, draws, counts, drawn);
+        let mut sum = DVec3::ZERO;
+        for NextEventDraw { light, expected, tag } in drawn.drain(..) {
+            let light = &frame.lights[light.0 as usize];
+            let at = light.point(frame.scene, [random.f32(), random.f32()], point.position);
+            counts.light_evaluations += 1;
+            let value = point.contribution(&at);
+            if value == Vec3::ZERO {
+                continue;
             }
-            _ => 1.0,
-        };
-        (value.as_dvec3() * (weight / pmf)).as_vec3()
+            counts.shadow_rays += 1;
+            if frame.rays.occluded(&point.segment(&at), rays) {
+                continue;
+            }
+            self.sampler.learn(tag, luminance(value), draws);
+            let weight = match at.from(point.position) {
+                Some((wi, squared)) if !light.is_point() => {
+                    let density = expected * light.density(point.position, wi, squared);
+                    power_heuristic(density, f64::from(point.bsdf.pdf(point.normal, point.wo, wi)))
+                }
+                _ => 1.0,
+            };
+            sum += (value.as_dvec3() * (weight / expected)).as_vec3().as_dvec3();
+        }
+        sum
     }
 
     /// Weight of an emitter that the direction `wi`, drawn with density `pdf`, has hit.
-    fn hit_weight(&self, from: &ShadingPoint, pdf: f32, wi: Vec3, hit: &Vertex, lights: &[Light]) -> f64 {
+    fn hit_weight(
+        &self,
+        from: &ShadingPoint,
+        pdf: f32,
+        wi: Vec3,
+        hit: &Vertex,
+        lights: &[Light],
+        scratch: &mut PathScratch<S>,
+    ) -> f64 {
         let Some(id) = self.emitters.light(hit.instance, hit.triangle) else { return 1.0 };
         let squared = from.position.as_dvec3().distance_squared(hit.point.position.as_dvec3());
         let density = lights[id.0 as usize].density(from.position, wi, squared);
-        let drawn = self.sampler.pmf(from, id) * density;
+        let drawn = self.sampler.expected(from, id, &mut scratch.draws) * density;
         power_heuristic(f64::from(pdf), drawn)
     }
 }

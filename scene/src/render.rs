@@ -141,11 +141,25 @@ pub trait DirectLighting<Q: Geometry>: Sync {
 
 /// Light beyond the direct one, added after the method's at each point.
 pub trait IndirectLighting<Q: Geometry>: Sync {
+    /// Memory that a thread reuses from call to call.
+    type Scratch: Default + Send;
+
+    /// The pixels of another unit of work follow, as for [`DirectLighting::begin_unit`].
+    fn begin_unit(&self, scratch: &mut Self::Scratch) {
+        let _ = scratch;
+    }
+
+    /// Another camera sample of all pixels of the unit follows.
+    fn begin_pass(&self, scratch: &mut Self::Scratch) {
+        let _ = scratch;
+    }
+
     /// Radiance that leaves `point` towards the viewer after at least one more bounce, W·m⁻²·sr⁻¹, without its throughput.
     fn radiance(
         &self,
         frame: &Frame<'_, Q>,
         point: &ShadingPoint,
+        scratch: &mut Self::Scratch,
         rays: &mut Q::Scratch,
         counts: &mut Counts,
     ) -> DVec3;
@@ -156,7 +170,16 @@ pub trait IndirectLighting<Q: Geometry>: Sync {
 pub struct NoIndirect;
 
 impl<Q: Geometry> IndirectLighting<Q> for NoIndirect {
-    fn radiance(&self, _: &Frame<'_, Q>, _: &ShadingPoint, _: &mut Q::Scratch, _: &mut Counts) -> DVec3 {
+    type Scratch = ();
+
+    fn radiance(
+        &self,
+        _: &Frame<'_, Q>,
+        _: &ShadingPoint,
+        (): &mut (),
+        _: &mut Q::Scratch,
+        _: &mut Counts,
+    ) -> DVec3 {
         DVec3::ZERO
     }
 }
@@ -281,7 +304,7 @@ pub fn render<Q: Geometry, D: DirectLighting<Q>>(
                 if progress.cancelled() {
                     return None;
                 }
-                let mut workspace: Workspace<Q, D> = workspaces.take();
+                let mut workspace = workspaces.take();
                 let counts =
                     render_unit(frame, camera, params, direct, indirect, pixels, &mut workspace, means);
                 workspaces.give(workspace);
@@ -312,24 +335,37 @@ pub fn render<Q: Geometry, D: DirectLighting<Q>>(
 
 /// All samples of the pixels of one unit.
 #[expect(clippy::too_many_arguments, reason = "the body of one loop")]
-fn render_unit<Q: Geometry, D: DirectLighting<Q>>(
+fn render_unit<Q: Geometry, D: DirectLighting<Q>, I: IndirectLighting<Q>>(
     frame: &Frame<'_, Q>,
     camera: &Camera,
     params: &RenderParams,
     direct: &D,
-    indirect: &impl IndirectLighting<Q>,
+    indirect: &I,
     pixels: &[u32],
-    workspace: &mut Workspace<Q, D>,
+    workspace: &mut Workspace<Q, D, I>,
     means: &mut [Vec3],
 ) -> Counts {
     let mut counts = Counts::default();
-    let Workspace { rays, direct: scratch, camera_rays, hits, randoms, points, slots, lit, radiance, sums } =
-        workspace;
+    let Workspace {
+        rays,
+        direct: scratch,
+        indirect: paths,
+        camera_rays,
+        hits,
+        randoms,
+        points,
+        slots,
+        lit,
+        radiance,
+        sums,
+    } = workspace;
     sums.clear();
     sums.resize(pixels.len(), (DVec3::ZERO, 0));
     direct.begin_unit(pixels, scratch);
+    indirect.begin_unit(paths);
     for sample in params.first_sample..params.first_sample + params.spp {
         // Cast the camera's rays.
+        indirect.begin_pass(paths);
         camera_rays.clear();
         randoms.clear();
         for &pixel in pixels {
@@ -364,7 +400,7 @@ fn render_unit<Q: Geometry, D: DirectLighting<Q>>(
         direct.shade(frame, points, scratch, rays, lit, &mut counts);
         for ((point, &slot), lit) in points.iter().zip(slots.iter()).zip(lit.iter()) {
             let rest = distant_light(frame, point, rays, &mut counts)
-                + indirect.radiance(frame, point, rays, &mut counts);
+                + indirect.radiance(frame, point, paths, rays, &mut counts);
             radiance[slot] += point.throughput.as_dvec3() * (*lit + rest);
         }
 
@@ -451,9 +487,10 @@ fn split_like<'m>(mut all: &'m mut [Vec3], units: &[&[u32]]) -> Vec<&'m mut [Vec
 }
 
 /// Memory of one thread, reused from unit to unit.
-struct Workspace<Q: Geometry, D: DirectLighting<Q>> {
+struct Workspace<Q: Geometry, D: DirectLighting<Q>, I: IndirectLighting<Q>> {
     rays: Q::Scratch,
     direct: D::Scratch,
+    indirect: I::Scratch,
     camera_rays: Vec<Ray>,
     hits: Vec<Option<RayHit>>,
     randoms: Vec<Random>,
@@ -464,11 +501,12 @@ struct Workspace<Q: Geometry, D: DirectLighting<Q>> {
     sums: Vec<(DVec3, u32)>,
 }
 
-impl<Q: Geometry, D: DirectLighting<Q>> Default for Workspace<Q, D> {
+impl<Q: Geometry, D: DirectLighting<Q>, I: IndirectLighting<Q>> Default for Workspace<Q, D, I> {
     fn default() -> Self {
         Self {
             rays: Q::Scratch::default(),
             direct: D::Scratch::default(),
+            indirect: I::Scratch::default(),
             camera_rays: Vec::new(),
             hits: Vec::new(),
             randoms: Vec::new(),

@@ -15,7 +15,7 @@ use lighttree::{
     BoundTerms, Cut, CutPolicy, CutSelector, LightHierarchy, LightId, NodeId, Receiver, TreeSampler,
 };
 
-use crate::Subtrees;
+use crate::{SelectSubtrees, Subtrees};
 
 /// How large cuts are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -160,6 +160,18 @@ impl<'t, T: LightHierarchy> CutSampler<'t, T> {
     /// Expected number of draws of `light` from the cut `nodes`; see [`Subtrees::density`].
     pub fn density(&self, nodes: &[NodeId], receiver: &(impl Receiver + ?Sized), light: LightId) -> f64 {
         self.subtrees(nodes).density(receiver, light)
+    }
+}
+
+impl<T: LightHierarchy> SelectSubtrees for CutSampler<'_, T> {
+    type Tree = T;
+
+    fn select<'s>(&self, receiver: &(impl Receiver + ?Sized), selection: &'s mut Selection) -> &'s [NodeId] {
+        self.select(receiver, selection)
+    }
+
+    fn walk(&self) -> &TreeSampler<'_, T> {
+        &self.walk
     }
 }
 

@@ -9,9 +9,10 @@
 //! - [`SharedCut`] is chosen once for a [`ReceiverGroup`]: a block of pixels, a cell of space, or one receiver.
 //! - [`NodeCdf`] is made for one receiver, or for a few so close together that one distribution will do for them.
 //! - [`CutCdf`] is both with a walk: a [`LightSampler`] with the exact probability of every light.
-//! - [`BlockCdfs`] keeps all of it for a block of pixels over all of their samples.
+//! - [`BlockCdfs`] keeps all of it for a block of pixels over all of their samples, [`CellCdfs`] for cells of space.
 
 mod block;
+mod cells;
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::Decisions;
@@ -23,6 +24,7 @@ use lighttree::{
 use crate::NodeRecords;
 
 pub use block::{BlockCdfs, Prepared};
+pub use cells::{CellCdfs, CellParams, CellTag};
 
 /// Receivers that share a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]

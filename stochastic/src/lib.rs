@@ -13,7 +13,8 @@
 //! - [`LinkedTree`]: which lights may light which receivers; [`Signs`]: lights that take light away.
 //! - [`filter`]: SVGF and temporal anti-aliasing of what they draw.
 //! - [`CutCdf`]: a large cut shared by many receivers ([`SharedCut`]) and for each of them a distribution over its nodes ([`NodeCdf`]),
-//!   with what shadow rays have told about them ([`NodeLearning`]); [`BlockCdfs`] keeps all of it for a block of pixels.
+//!   with what shadow rays have told about them ([`NodeLearning`]); [`BlockCdfs`] keeps all of it for a block of pixels,
+//!   [`CellCdfs`] for cells of space.
 //! - [`resampled`]: several candidates, one kept.
 
 mod cut;
@@ -34,7 +35,10 @@ mod two_level;
 mod visibility;
 
 pub use cut::{CutParams, CutSampler, Selection};
-pub use cut_cdf::{BlockCdfs, CutCdf, CutScratch, NodeCdf, NodeDraw, Prepared, ReceiverGroup, SharedCut};
+pub use cut_cdf::{
+    BlockCdfs, CellCdfs, CellParams, CellTag, CutCdf, CutScratch, NodeCdf, NodeDraw, Prepared, ReceiverGroup,
+    SharedCut,
+};
 pub use environment::{Environment, EnvironmentError, EnvironmentSample, spread};
 pub use guarded::{Guard, SurfacePoint};
 pub use interleave::Interleave;
@@ -45,6 +49,6 @@ pub use ris::{Resampled, resampled};
 pub use shared::{BlockGrid, SharedCuts};
 pub use signs::Signs;
 pub use split::{EnergySpread, SplitParams, SplitSampler};
-pub use subtrees::Subtrees;
+pub use subtrees::{SelectSubtrees, Subtrees};
 pub use two_level::{Keeps, LightInstance, LightMesh, TwoLevelError, TwoLevelSampler, TwoLevelTree};
 pub use visibility::NodeLearning;

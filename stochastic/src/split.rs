@@ -16,7 +16,7 @@
 
 use lighttree::{BoundTerms, CutPolicy, LightHierarchy, NodeId, Receiver, TreeSampler};
 
-use crate::{Selection, Subtrees};
+use crate::{SelectSubtrees, Selection, Subtrees};
 
 /// When nodes are split.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -141,6 +141,18 @@ impl<'t, T: LightHierarchy> SplitSampler<'t, T> {
             return 0.0;
         }
         sigma * terms.at(near * far)
+    }
+}
+
+impl<T: LightHierarchy> SelectSubtrees for SplitSampler<'_, T> {
+    type Tree = T;
+
+    fn select<'s>(&self, receiver: &(impl Receiver + ?Sized), selection: &'s mut Selection) -> &'s [NodeId] {
+        self.select(receiver, selection)
+    }
+
+    fn walk(&self) -> &TreeSampler<'_, T> {
+        &self.walk
     }
 }
 

@@ -8,6 +8,26 @@
 use lighttree::rng::Decisions;
 use lighttree::{LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver, TreeSampler};
 
+use crate::Selection;
+
+/// Divides a tree into subtrees for a receiver: [`CutSampler`](crate::CutSampler) and [`SplitSampler`](crate::SplitSampler).
+pub trait SelectSubtrees {
+    /// The tree.
+    type Tree: LightHierarchy;
+
+    /// Selects for `receiver`: left to right the roots of disjoint subtrees that hold all lights that matter to it. Empty for an empty tree. The same for
+    /// every thread and every time.
+    fn select<'s>(&self, receiver: &(impl Receiver + ?Sized), selection: &'s mut Selection) -> &'s [NodeId];
+
+    /// The walk that draws from a subtree.
+    fn walk(&self) -> &TreeSampler<'_, Self::Tree>;
+
+    /// One light from each of these subtrees: of a selection for this receiver or for another, all of it or a part.
+    fn subtrees<'a>(&'a self, nodes: &'a [NodeId]) -> Subtrees<'a, Self::Tree> {
+        Subtrees { walk: self.walk(), nodes }
+    }
+}
+
 /// Disjoint subtrees of one tree, each of which gives one light: the whole of a cut, or a run of its nodes.
 ///
 /// The sum of contribution ÷ `pmf` over what [`draw_each`](Self::draw_each) yields estimates the sum over all lights of

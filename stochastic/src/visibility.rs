@@ -9,6 +9,9 @@
 //! direct illumination sampling", 2018; the optimal square root is theirs, too (section 4). Differs from it: no model of distances is fitted, since the
 //! block of receivers is small; the mean is shrunk towards that of neighbours in the cut and of all nodes, a few samples' worth each.
 
+/// A phase ends when there are this many times as many passes as before it.
+const GROWTH: u32 = 4;
+
 /// Nodes that lend each other what they know: neighbours in the cut.
 const NEIGHBOURS: usize = 8;
 
@@ -67,5 +70,101 @@ impl NodeLearning {
                 own.sqrt()
             }));
         }
+    }
+}
+
+/// Passes, grouped into phases that begin with pass 0, 1, 4, 16, 64 and so on.
+///
+/// A pass is one sample of every receiver of a group. Distributions take what was learned before their phase, and stay what they are until
+/// its end. So given all earlier phases a distribution is fixed, and each sample is unbiased by itself, as long as the random numbers of a phase are
+/// independent of those before it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Phases {
+    /// Passes begun.
+    passes: u32,
+    /// Number of the pass with which the phase began.
+    phase: u32,
+}
+
+impl Phases {
+    /// Begins the next pass; whether a phase begins with it, other than the first.
+    pub(crate) const fn next(&mut self) -> bool {
+        let after = GROWTH.saturating_mul(self.phase);
+        let begins = self.passes == if after > 1 { after } else { 1 };
+        if begins {
+            self.phase = self.passes;
+        }
+        self.passes += 1;
+        begins
+    }
+
+    /// Begins the next pass of a single phase.
+    pub(crate) const fn next_of_one(&mut self) {
+        self.passes += 1;
+    }
+
+    /// Whether no pass has begun.
+    pub(crate) const fn is_new(&self) -> bool {
+        self.passes == 0
+    }
+
+    /// Which phase it is: the number of its first pass.
+    pub(crate) const fn phase(&self) -> u32 {
+        self.phase
+    }
+
+    /// How many passes of this phase came before this one.
+    pub(crate) const fn pass_of_phase(&self) -> u32 {
+        self.passes.saturating_sub(1).saturating_sub(self.phase)
+    }
+}
+
+/// What is learned about one cut, and what of it the distributions of this phase know.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Learning {
+    /// What was told.
+    pub(crate) nodes: NodeLearning,
+    /// What to multiply estimates by in this phase; empty: 1.
+    factors: Vec<f32>,
+    /// Estimate × factor, before they become a distribution.
+    mixed: Vec<f32>,
+}
+
+impl Learning {
+    /// Forgets everything, and begins with so many nodes.
+    pub(crate) fn begin(&mut self, nodes: usize) {
+        self.nodes.begin(nodes);
+        self.factors.clear();
+    }
+
+    /// What was told until now is known from here on.
+    pub(crate) fn begin_phase(&mut self) {
+        self.nodes.factors(&mut self.factors);
+    }
+
+    /// Weights × factors, and the defensive share of the weights themselves; `None` where nothing is known that would change them.
+    pub(crate) fn mix(&mut self, weights: &[f32], defensive: f32) -> Option<&[f32]> {
+        if self.factors.is_empty() {
+            return None;
+        }
+        let (mut plain, mut learned) = (0.0f32, 0.0f32);
+        for (w, f) in weights.iter().zip(&self.factors) {
+            plain += w;
+            learned += w * f;
+        }
+        let (own, rest) = if learned > 0.0 && learned < f32::INFINITY && plain < f32::INFINITY {
+            ((1.0 - defensive) * (plain / learned), defensive)
+        } else {
+            (0.0, 1.0)
+        };
+        self.mixed.clear();
+        self.mixed.extend(weights.iter().zip(&self.factors).map(|(w, f)| w * (own * f + rest)));
+        Some(&self.mixed)
+    }
+
+    /// Bytes held.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of::<f32>()
+            * (2 * self.nodes.samples.capacity() + self.factors.capacity() + self.mixed.capacity())
     }
 }

@@ -5,6 +5,7 @@ mod cut_cdf;
 mod cutinterp;
 pub(crate) mod filter;
 mod lightcut;
+mod next_event;
 mod photoncut;
 #[cfg(test)]
 mod pictures;
@@ -12,14 +13,15 @@ mod recon;
 mod ris;
 mod split;
 
-pub(crate) use cut::{CutMethod, SharedCutMethod};
+pub(crate) use cut::{SharedCutMethod, SubtreesMethod, sampler as cut_sampler};
 pub(crate) use cut_cdf::CutCdfMethod;
 pub(crate) use cutinterp::{CutInterpMethod, CutInterpParams, Show};
 pub(crate) use lightcut::{LightcutMethod, representatives};
+pub(crate) use next_event::{NextEventCells, NextEventSubtrees, lights as next_event_lights};
 pub(crate) use photoncut::{Maps, PhotonLight, Sparse};
 pub(crate) use recon::ReconMethod;
 pub(crate) use ris::RisMethod;
-pub(crate) use split::SplitMethod;
+pub(crate) use split::sampler as split_sampler;
 
 use crate::failure::Failure;
 use crate::settings::{Key, Range, Settings};
@@ -235,6 +237,17 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 15] {
     ]
 }
 
+const PATH_KEYS: [Key; 8] = [
+    next_event::NEE,
+    next_event::LIGHTS,
+    next_event::NODES,
+    next_event::CELLS,
+    cut_cdf::DEFENSIVE,
+    photoncut::DIRECT,
+    trees::CHOICE,
+    trees::BUILDER,
+];
+
 const ABOUT: [(Method, About); 17] = [
     (
         Method::Brute,
@@ -384,8 +397,8 @@ const ABOUT: [(Method, About); 17] = [
         Method::Path,
         About {
             name: "path",
-            what: "Path tracing: each bounce samples one light down a light tree, with multiple importance sampling; the reference for --gi path.",
-            keys: &[photoncut::DIRECT, trees::BUILDER],
+            what: "Path tracing: each bounce draws lights by the method `nee`, with multiple importance sampling; the reference for --gi path.",
+            keys: &PATH_KEYS,
             spp: 64,
         },
     ),
@@ -402,6 +415,12 @@ impl Method {
         }
         let names = ABOUT.iter().map(|(_, about)| about.name).collect::<Vec<_>>().join(", ");
         Err(Failure::usage(format!("method `{name}` is unknown: there are {names}")))
+    }
+
+    /// How a path tracer draws lights, as settings of the method [`path`](Self::Path) have it.
+    pub(crate) fn of_next_event(settings: &Settings) -> Self {
+        let found = ABOUT.iter().find(|(_, about)| about.name == settings.text("nee"));
+        found.map_or(Self::Tree, |(method, _)| *method)
     }
 
     /// All of them, in the order in which people should hear of them.

@@ -111,6 +111,11 @@ impl Settings {
     pub(crate) fn number(&self, key: &str) -> Option<f32> {
         self.text(key).parse().ok()
     }
+
+    /// [`number`](Self::number) of a key that not every method has.
+    pub(crate) fn find_number(&self, key: &str) -> Option<f32> {
+        self.find(key)?.parse().ok()
+    }
 }
 
 /// Both sides of `KEY=VALUE`.

@@ -7,17 +7,18 @@ use cutinterp::{LevelMetric, Levels, PlacementParams, ReconstructionParams, Visi
 use lightcut::{LightcutParams, Representatives};
 use lighttree::{LightHierarchy, LightSampler, PowerSampler, TreeSampler, UniformSampler};
 use scene::{
-    BruteForce, Camera, DirectLighting, Drawn, Film, Frame, IndirectLighting, Light, NoDirect, NoIndirect,
-    PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint, WalkReport,
-    Walked,
+    BruteForce, Camera, DirectLighting, Drawn, Film, Frame, IndirectLighting, Light, NextEvent, NoDirect,
+    NoIndirect, PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint,
+    WalkReport, Walked,
 };
 use stochastic::{EnergySpread, TwoLevelSampler};
 
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
-    CutCdfMethod, CutInterpMethod, CutInterpParams, CutMethod, LightcutMethod, Maps, Method, PhotonLight,
-    REPRESENTATIVES, ReconMethod, RisMethod, SharedCutMethod, Show, Sparse, SplitMethod, representatives,
+    CutCdfMethod, CutInterpMethod, CutInterpParams, LightcutMethod, Maps, Method, NextEventCells,
+    NextEventSubtrees, PhotonLight, REPRESENTATIVES, ReconMethod, RisMethod, SharedCutMethod, Show, Sparse,
+    SubtreesMethod, cut_sampler, next_event_lights, representatives, split_sampler,
 };
 use crate::settings::Settings;
 use crate::trees::{self, Tree};
@@ -114,7 +115,13 @@ impl<'a> Stage<'a> {
             say_what_was_lost(&report);
             lights = Cow::Owned([&self.scene.lights[..], &made].concat());
         }
-        let needs_tree = plan.method.needs_tree() || plan.gi == Gi::Path;
+        // What draws lights: the method itself, or what a path tracer draws them by.
+        let drawing = match plan.method {
+            Method::Path => Method::of_next_event(&plan.settings),
+            method => method,
+        };
+        let of_other_paths = plan.gi == Gi::Path && plan.method != Method::Path;
+        let needs_tree = drawing.needs_tree() || of_other_paths;
         let build = || {
             let builder = plan.settings.find("builder").unwrap_or(trees::BUILDER.default);
             Tree::build(builder, &lights, self.scene)
@@ -123,7 +130,7 @@ impl<'a> Stage<'a> {
         let tree = needs_tree.then(build).transpose()?;
         let refuse =
             |error: &dyn std::fmt::Display| Failure::failed(format!("{name}: {error}; mend it in the file"));
-        let tool = match (plan.method, &tree) {
+        let tool = match (drawing, &tree) {
             (Method::Uniform, _) => Tool::Uniform(UniformSampler { count: lights.len() as u32 }),
             (Method::Power, _) => Tool::Power(PowerSampler::new(&lights).map_err(|error| refuse(&error))?),
             (Method::Lightcut, Some(tree)) => {
@@ -166,6 +173,7 @@ impl<'a> Stage<'a> {
     ) -> Result<Rendered, Failure> {
         let shot = Shot { stage: self, plan, prepared, params, progress };
         match (&prepared.tool, &prepared.tree) {
+            _ if plan.method == Method::Path => shot.paths(),
             (Tool::Uniform(sampler), _) => shot.sampled(sampler),
             (Tool::Power(sampler), _) => shot.sampled(sampler),
             (Tool::Representatives(representatives), Some(tree)) => {
@@ -174,7 +182,7 @@ impl<'a> Stage<'a> {
             }
             (Tool::Photons(maps), Some(tree)) => shot.photons(maps, tree),
             (Tool::Spread(spread), Some(tree)) => {
-                shot.direct(&Drawn(SplitMethod::new(tree, spread, &plan.settings)))
+                shot.direct(&Drawn(SubtreesMethod::split(tree, spread, &plan.settings)))
             }
             (_, Some(tree)) if plan.method == Method::Tree => {
                 let choice = trees::choice(&plan.settings);
@@ -186,7 +194,7 @@ impl<'a> Stage<'a> {
                 }
             }
             (_, Some(tree)) if plan.method == Method::Cut => {
-                shot.direct(&Drawn(CutMethod::new(tree, &plan.settings)?))
+                shot.direct(&Drawn(SubtreesMethod::cut(tree, &plan.settings)?))
             }
             (_, Some(tree)) if plan.method == Method::SharedCut => {
                 let frame = self.frame(plan, &prepared.lights);
@@ -221,7 +229,6 @@ impl<'a> Stage<'a> {
                     }
                 }
             }
-            _ if plan.method == Method::Path => shot.direct(&NoDirect),
             _ => shot.direct(&BruteForce),
         }
     }
@@ -270,16 +277,44 @@ impl<P: Progress> Shot<'_, P> {
     }
 
     fn direct(&self, direct: &impl DirectLighting<SceneRays>) -> Result<Rendered, Failure> {
-        let of_paths = self.plan.method == Method::Path;
-        let direct_too = of_paths && self.plan.settings.find("direct") != Some("off");
         match &self.prepared.tree {
-            Some(tree) if of_paths || self.plan.gi == Gi::Path => {
-                let bounces = if self.plan.gi == Gi::Path { self.plan.bounces } else { 0 };
-                let sampler = TreeSampler::new(tree);
-                self.take(direct, &PathTracer::new(&self.prepared.lights, sampler, bounces, direct_too))
+            Some(tree) if self.plan.gi == Gi::Path => {
+                let lights = &self.prepared.lights;
+                self.take(direct, &PathTracer::new(lights, TreeSampler::new(tree), self.plan.bounces, false))
             }
             _ => self.take(direct, &NoIndirect),
         }
+    }
+
+    /// All light by paths, which draw lights as `nee` has it.
+    fn paths(&self) -> Result<Rendered, Failure> {
+        let settings = &self.plan.settings;
+        let samples = next_event_lights(settings);
+        match (&self.prepared.tool, &self.prepared.tree) {
+            (Tool::Uniform(sampler), _) => self.traced(Sampled { sampler, samples }),
+            (Tool::Power(sampler), _) => self.traced(Sampled { sampler, samples }),
+            (Tool::Spread(spread), Some(tree)) => {
+                self.traced(NextEventSubtrees(split_sampler(tree, spread, settings, samples)))
+            }
+            (_, Some(tree)) => match Method::of_next_event(settings) {
+                Method::Cut => self.traced(NextEventSubtrees(cut_sampler(tree, settings, samples))),
+                Method::CutCdf | Method::CutCdfVis => {
+                    let frame = self.stage.frame(self.plan, &self.prepared.lights);
+                    self.traced(NextEventCells::new(tree, settings, frame.radius))
+                }
+                _ => {
+                    let sampler = TreeSampler::new(tree).with_choice(trees::choice(settings));
+                    self.traced(Sampled { sampler, samples })
+                }
+            },
+            (_, None) => unreachable!("a tree was built for whatever else draws from one"),
+        }
+    }
+
+    fn traced(&self, next_event: impl NextEvent) -> Result<Rendered, Failure> {
+        let bounces = if self.plan.gi == Gi::Path { self.plan.bounces } else { 0 };
+        let direct_too = self.plan.settings.find("direct") != Some("off");
+        self.take(&NoDirect, &PathTracer::new(&self.prepared.lights, next_event, bounces, direct_too))
     }
 
     /// Finds the cuts of the blocks' corners before the picture is taken.

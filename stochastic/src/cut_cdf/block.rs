@@ -14,13 +14,10 @@ use glam::Vec3;
 use lighttree::{LightHierarchy, Receiver};
 
 use super::{CutScratch, NodeCdf, ReceiverGroup, SharedCut};
-use crate::NodeLearning;
+use crate::visibility::{Learning, Phases};
 
 /// How many distributions a pixel has: what it sees first, and what else it sees.
 const WAYS: usize = 2;
-
-/// A phase ends when there are this many times as many passes as before it.
-const GROWTH: u32 = 4;
 
 /// Normals within this cosine share a distribution.
 const SAME_NORMAL: f32 = 0.95;
@@ -35,22 +32,10 @@ pub struct BlockCdfs {
     scratch: CutScratch,
     entries: Vec<Entry>,
     learning: Option<Learning>,
-    /// Passes begun.
-    passes: u32,
-    /// Number of the pass with which the phase began.
-    phase: u32,
+    defensive: f32,
+    phases: Phases,
     /// Distributions made, for those who count.
     built: u64,
-}
-
-#[derive(Debug, Default)]
-struct Learning {
-    nodes: NodeLearning,
-    /// What to multiply estimates by in this phase; empty: 1.
-    factors: Vec<f32>,
-    defensive: f32,
-    /// Estimate × factor, before they become a distribution.
-    mixed: Vec<f32>,
 }
 
 /// The distribution of one receiver.
@@ -87,10 +72,13 @@ impl BlockCdfs {
         for entry in &mut self.entries {
             entry.phase = 0;
         }
-        (self.passes, self.phase, self.built) = (0, 0, 0);
+        (self.phases, self.built) = (Phases::default(), 0);
         match (learn, &mut self.learning) {
             (None, learning) => *learning = None,
-            (Some(defensive), learning) => learning.get_or_insert_default().defensive = defensive,
+            (Some(defensive), learning) => {
+                learning.get_or_insert_default();
+                self.defensive = defensive;
+            }
         }
     }
 
@@ -102,28 +90,28 @@ impl BlockCdfs {
         nodes: usize,
         receivers: impl IntoIterator<Item = (Vec3, Vec3)>,
     ) -> bool {
-        let is_first = self.passes == 0;
+        let is_first = self.phases.is_new();
         if is_first {
             let Some(group) = ReceiverGroup::of(receivers) else { return false };
             self.cut.select(tree, &group, nodes, &mut self.scratch);
             if let Some(learning) = &mut self.learning {
-                learning.nodes.begin(self.cut.nodes().len());
-                learning.factors.clear();
+                learning.begin(self.cut.nodes().len());
             }
         }
-        if let Some(learning) = &mut self.learning
-            && self.passes == GROWTH.saturating_mul(self.phase).max(1)
-        {
-            self.phase = self.passes;
-            learning.nodes.factors(&mut learning.factors);
+        match &mut self.learning {
+            Some(learning) => {
+                if self.phases.next() {
+                    learning.begin_phase();
+                }
+            }
+            None => self.phases.next_of_one(),
         }
-        self.passes += 1;
         is_first
     }
 
     /// How many passes of this phase came before this one. Where nothing is learned there is one phase.
     pub const fn pass_of_phase(&self) -> u32 {
-        self.passes.saturating_sub(1).saturating_sub(self.phase)
+        self.phases.pass_of_phase()
     }
 
     /// The cut.
@@ -151,7 +139,7 @@ impl BlockCdfs {
     ) -> Prepared<'_> {
         let position = receiver.position();
         let ways = &self.entries[WAYS * pixel..WAYS * (pixel + 1)];
-        let current = self.phase + 1;
+        let current = self.phases.phase() + 1;
         let found = ways.iter().position(|entry| entry.phase == current && entry.serves(position, normal));
         let index = WAYS * pixel
             + found.unwrap_or_else(|| {
@@ -168,13 +156,9 @@ impl BlockCdfs {
                 (entry.position, entry.normal) = (position, normal);
             }
             entry.phase = current;
-            match &mut self.learning {
-                Some(learning) if !learning.factors.is_empty() => {
-                    let mixed = learning.mix(&entry.weights);
-                    entry.cdf.build(mixed, true);
-                }
-                _ => entry.cdf.build(&entry.weights, true),
-            }
+            let learning = self.learning.as_mut();
+            let mixed = learning.and_then(|learning| learning.mix(&entry.weights, self.defensive));
+            entry.cdf.build(mixed.unwrap_or(&entry.weights), true);
         }
         let Entry { cdf, weights, .. } = &self.entries[index];
         Prepared { cut: &self.cut, cdf, weights }
@@ -207,24 +191,5 @@ impl Entry {
     fn serves(&self, position: Vec3, normal: Vec3) -> bool {
         self.normal.dot(normal) >= SAME_NORMAL
             && self.position.as_dvec3().distance_squared(position.as_dvec3()) <= self.same_squared
-    }
-}
-
-impl Learning {
-    /// Weights × factors, and the defensive share of the weights themselves.
-    fn mix(&mut self, weights: &[f32]) -> &[f32] {
-        let (mut plain, mut learned) = (0.0f32, 0.0f32);
-        for (w, f) in weights.iter().zip(&self.factors) {
-            plain += w;
-            learned += w * f;
-        }
-        let (own, rest) = if learned > 0.0 && learned < f32::INFINITY && plain < f32::INFINITY {
-            ((1.0 - self.defensive) * (plain / learned), self.defensive)
-        } else {
-            (0.0, 1.0)
-        };
-        self.mixed.clear();
-        self.mixed.extend(weights.iter().zip(&self.factors).map(|(w, f)| w * (own * f + rest)));
-        &self.mixed
     }
 }

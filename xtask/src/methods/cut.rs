@@ -6,8 +6,12 @@ use scene::{
     Camera, Counts, Draw, DrawLights, Frame, Purpose, RayScratch, SceneRays, ShadingPoint, camera_path,
     camera_ray,
 };
-use stochastic::{BlockGrid, CutParams, CutSampler, Guard, Interleave, Selection, SharedCuts, SurfacePoint};
+use stochastic::{
+    BlockGrid, CutParams, CutSampler, EnergySpread, Guard, Interleave, SelectSubtrees, Selection, SharedCuts,
+    SplitSampler, SurfacePoint,
+};
 
+use super::split;
 use crate::failure::Failure;
 use crate::settings::{Key, Range, Settings};
 use crate::trees::{self, Tree};
@@ -103,30 +107,39 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Failure> {
     Budget::of(settings, m * m).map(drop)
 }
 
-fn sampler<'a>(tree: &'a Tree, settings: &Settings, nodes: u32) -> CutSampler<'a, Tree> {
+/// Cuts of so many nodes.
+pub(crate) fn sampler<'a>(tree: &'a Tree, settings: &Settings, nodes: u32) -> CutSampler<'a, Tree> {
     let choice: ChildChoice = trees::choice(settings);
-    let distance_floor = settings.number("distance_floor").unwrap_or_default();
-    CutSampler::with_walk(TreeSampler::new(tree).with_choice(choice), CutParams { nodes, distance_floor })
+    let default = CutParams::with_nodes(nodes);
+    let distance_floor = settings.find_number("distance_floor").unwrap_or(default.distance_floor);
+    CutSampler::with_walk(TreeSampler::new(tree).with_choice(choice), CutParams { distance_floor, ..default })
 }
 
-/// A cut for each point.
-pub(crate) struct CutMethod<'a> {
-    sampler: CutSampler<'a, Tree>,
+/// Subtrees of its own for each point, and as many lights from each: the methods `cut` and `split`.
+pub(crate) struct SubtreesMethod<S> {
+    sampler: S,
     per_node: u32,
 }
 
-impl<'a> CutMethod<'a> {
-    /// Over the tree of all lights of the frame.
+impl<'a> SubtreesMethod<CutSampler<'a, Tree>> {
+    /// A cut, over the tree of all lights of the frame.
     ///
     /// # Errors
     /// A usage error as [`check`] has it.
-    pub(crate) fn new(tree: &'a Tree, settings: &Settings) -> Result<Self, Failure> {
+    pub(crate) fn cut(tree: &'a Tree, settings: &Settings) -> Result<Self, Failure> {
         let Budget { nodes, per_node } = Budget::of(settings, 1)?;
         Ok(Self { sampler: sampler(tree, settings, nodes), per_node })
     }
 }
 
-impl DrawLights for CutMethod<'_> {
+impl<'a> SubtreesMethod<SplitSampler<'a, Tree>> {
+    /// As the tree is split, over that of all lights of the frame and the spread that was made for it.
+    pub(crate) fn split(tree: &'a Tree, spread: &'a EnergySpread, settings: &Settings) -> Self {
+        Self { sampler: split::sampler(tree, spread, settings, settings.whole("lights")), per_node: 1 }
+    }
+}
+
+impl<S: SelectSubtrees + Sync> DrawLights for SubtreesMethod<S> {
     type Scratch = Selection;
     type Tag = ();
 

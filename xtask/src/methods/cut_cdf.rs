@@ -18,19 +18,16 @@ const NODES: Key = Key {
 /// Dials of the method `cut-cdf`.
 pub(crate) const KEYS: [Key; 4] = [super::LIGHTS, NODES, trees::CHOICE, trees::BUILDER];
 
+/// What of a distribution stays without learning.
+pub(crate) const DEFENSIVE: Key = Key {
+    name: "defensive",
+    default: "0.1",
+    range: Range::Number(0.0, 1.0),
+    trades: "share of the samples that does not go by what was learned: 0 trusts it, which is best if nothing changes within a block; 1 learns nothing",
+};
+
 /// Dials of the method `cut-cdf-vis`.
-pub(crate) const VIS_KEYS: [Key; 5] = [
-    super::LIGHTS,
-    NODES,
-    Key {
-        name: "defensive",
-        default: "0.1",
-        range: Range::Number(0.0, 1.0),
-        trades: "share of the samples that does not go by what was learned: 0 trusts it, which is best if nothing changes within a block; 1 learns nothing",
-    },
-    trees::CHOICE,
-    trees::BUILDER,
-];
+pub(crate) const VIS_KEYS: [Key; 5] = [super::LIGHTS, NODES, DEFENSIVE, trees::CHOICE, trees::BUILDER];
 
 /// A cut and its distributions, block by block.
 pub(crate) struct CutCdfMethod<'a, T> {

@@ -236,10 +236,13 @@ impl<'a> PhotonLight<'a> {
 }
 
 impl<Q: Geometry> IndirectLighting<Q> for PhotonLight<'_> {
+    type Scratch = ();
+
     fn radiance(
         &self,
         frame: &Frame<'_, Q>,
         point: &ShadingPoint,
+        (): &mut (),
         rays: &mut Q::Scratch,
         counts: &mut Counts,
     ) -> DVec3 {

@@ -1,9 +1,7 @@
 //! Adaptive tree splitting as a method of direct lighting.
 
 use lighttree::TreeSampler;
-use lighttree::rng::Decisions;
-use scene::{Counts, Draw, DrawLights, ShadingPoint};
-use stochastic::{EnergySpread, Selection, SplitParams, SplitSampler};
+use stochastic::{EnergySpread, SplitParams, SplitSampler};
 
 use super::cut::LIGHTS;
 use crate::settings::{Key, Range, Settings};
@@ -25,41 +23,15 @@ pub(crate) const KEYS: [Key; 4] = [
     trees::BUILDER,
 ];
 
-/// Splits for each point.
-pub(crate) struct SplitMethod<'a>(SplitSampler<'a, Tree>);
-
-impl<'a> SplitMethod<'a> {
-    /// Over the tree of all lights of the frame, and the spread that was made for it.
-    pub(crate) fn new(tree: &'a Tree, spread: &'a EnergySpread, settings: &Settings) -> Self {
-        let params = SplitParams {
-            threshold: settings.number("threshold").unwrap_or_default(),
-            max_nodes: settings.whole("lights"),
-            ..SplitParams::default()
-        };
-        let walk = TreeSampler::new(tree).with_choice(trees::choice(settings));
-        Self(SplitSampler::new(walk, spread, params))
-    }
-}
-
-impl DrawLights for SplitMethod<'_> {
-    type Scratch = Selection;
-    type Tag = ();
-
-    fn draw(
-        &self,
-        points: &[ShadingPoint],
-        index: usize,
-        random: &mut Decisions,
-        scratch: &mut Selection,
-        counts: &mut Counts,
-        mut each: impl FnMut(Draw<()>, &mut Decisions),
-    ) {
-        let point = &points[index];
-        self.0.select(point, scratch);
-        counts.add_cut(scratch.nodes().len() as u64);
-        let visited = self.0.subtrees(scratch.nodes()).draw_each(point, random, |_, sample, random| {
-            each(Draw { light: sample.light, weight: 1.0 / sample.pmf, tag: () }, random);
-        });
-        counts.node_visits += u64::from(scratch.visited() + visited);
-    }
+/// Splits for each point, into at most `lights` subtrees: over the tree of all lights of the frame, and the spread that was made for it.
+pub(crate) fn sampler<'a>(
+    tree: &'a Tree,
+    spread: &'a EnergySpread,
+    settings: &Settings,
+    lights: u32,
+) -> SplitSampler<'a, Tree> {
+    let default = SplitParams::default();
+    let threshold = settings.find_number("threshold").unwrap_or(default.threshold);
+    let walk = TreeSampler::new(tree).with_choice(trees::choice(settings));
+    SplitSampler::new(walk, spread, SplitParams { threshold, max_nodes: lights, ..default })
 }

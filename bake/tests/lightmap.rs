@@ -252,7 +252,7 @@ fn the_seam_of_a_cylinder_is_not_to_be_seen() {
     ]);
     let lamp = lamp.unwrap().flipped();
     for (seed, polygon) in [lamp, lamp.flipped()].into_iter().enumerate() {
-        let shape = Shape::Polygon { polygon, two_sided: true };
+        let shape = Shape::Polygon(polygon);
         map.apply(add(&VirtualLight { shape, flux: Vec3::splat(100.0), seed: seed as u32 }, 0)).unwrap();
     }
     for seed in 2..40 {

@@ -64,10 +64,6 @@ mod tests {
         assert_eq!(values.iter().filter(|&&v| v == 3.0).count(), 25);
         assert_eq!(values[0], 0.0);
         assert_eq!(dilate([7, 7], 1, &mut values, &mut filled, 9), 24, "it ends when all is filled");
-        assert_eq!(
-            dilate([7, 7], 1, &mut [0.0; 49], &mut [false; 49], 9),
-            0,
-            "nothing has no neighbours"
-        );
+        assert_eq!(dilate([7, 7], 1, &mut [0.0; 49], &mut [false; 49], 9), 0, "nothing has no neighbours");
     }
 }

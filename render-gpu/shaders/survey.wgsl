@@ -4,11 +4,6 @@
 // Two dispatches: each workgroup of `survey` looks at a part of all lights, and the one of `plan` puts the parts together and lays out the
 // tree. Every field is a minimum, a maximum or a count, so the order of looking does not matter.
 
-struct BuildParams {
-    // Lights in the buffer.
-    lights: u32,
-}
-
 struct Part {
     min: vec3f,
     kept: u32,
@@ -21,6 +16,7 @@ struct Part {
 
 const THREADS: u32 = 256u;
 const HUGE: f32 = 3.4028234e38;
+const NO_LIGHTS = Part(vec3f(HUGE), 0u, vec3f(-HUGE), 0u, 0u, 0u);
 
 @group(0) @binding(0) var<uniform> params: BuildParams;
 @group(0) @binding(1) var<storage, read> lights: array<LightRecord>;
@@ -58,7 +54,7 @@ fn survey(
     @builtin(workgroup_id) workgroup: vec3u,
     @builtin(num_workgroups) grid: vec3u,
 ) {
-    var own = Part(vec3f(HUGE), 0u, vec3f(-HUGE), 0u, 0u, 0u);
+    var own = NO_LIGHTS;
     for (var i = workgroup.x * THREADS + thread; i < params.lights; i += grid.x * THREADS) {
         let light = lights[i];
         let excluded = exclusion(light);
@@ -152,7 +148,11 @@ fn is_above(number: vec2u, shift: i32) -> bool {
 
 @compute @workgroup_size(THREADS)
 fn plan(@builtin(local_invocation_index) thread: u32) {
-    reduce(thread, parts[thread]);
+    var own = NO_LIGHTS;
+    if (thread < params.parts) {
+        own = parts[thread];
+    }
+    reduce(thread, own);
     if (thread > 0u) {
         return;
     }

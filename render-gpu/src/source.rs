@@ -1,7 +1,7 @@
 //! How kernels are put together: plain WGSL files, one after the other.
 //!
 //! WGSL's declarations see one another in any order within a module, so a module is a list of files and nothing else: no
-//! preprocessor, no build script, and every file can be edited and checked with ordinary tools. Considered and left out: naga_oil (its shaders are
+//! preprocessor, no build script, and every file can be edited and checked with ordinary tools. Considered and left out: `naga_oil` (its shaders are
 //! no longer plain WGSL, and need a feature of wgpu that others do not), WESL (compiles as long as wgpu does). What differs between variants is
 //! an `override` constant, set where the pipeline is made. Files in `shaders/lib/` declare no bindings; each kernel's own file does.
 
@@ -29,4 +29,5 @@ macro_rules! source {
 pub(crate) use source;
 
 /// Every module of this crate: what tests validate.
-pub const ALL: &[Source] = &[crate::tree::SURVEY];
+pub const ALL: &[Source] =
+    &[crate::tree::SURVEY, crate::tree::MORTON, crate::tree::SORT, crate::tree::BITONIC, crate::tree::NODES];

@@ -20,8 +20,19 @@ fn exclusion(light: LightRecord) -> u32 {
     return select(0u, 1u, (bits & 0x7fffffffu) == 0u);
 }
 
-// Half the centre of the box: the half keeps even the difference of two of them from overflowing. The products are exact,
-// so it does not matter whether the sum is fused with one of them.
+// A quarter of a number, by its exponent where it is large enough. As a product a compiler may take 0.25 · a + 0.25 · b together, and their sum
+// overflow.
+fn quarter(x: f32) -> f32 {
+    let bits = bitcast<u32>(x);
+    if (((bits >> 23u) & 0xffu) < 3u) {
+        return 0.25 * x;
+    }
+    return bitcast<f32>(bits - 0x1000000u);
+}
+
+// Half the centre of the box: the half keeps even the difference of two of them from overflowing.
 fn half_center(light: LightRecord) -> vec3f {
-    return 0.25 * light.min + 0.25 * light.max;
+    let low = vec3f(quarter(light.min.x), quarter(light.min.y), quarter(light.min.z));
+    let high = vec3f(quarter(light.max.x), quarter(light.max.y), quarter(light.max.z));
+    return low + high;
 }

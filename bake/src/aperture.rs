@@ -221,6 +221,12 @@ impl ApertureTree {
         }
     }
 
+    /// Whether it has the same pieces, wherever they are.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let alike = |(a, b): (&Piece, &Piece)| a.children == b.children && a.share == b.share;
+        self.pieces.len() == other.pieces.len() && self.pieces.iter().zip(&other.pieces).all(alike)
+    }
+
     /// The start of a path for four uniform numbers.
     pub(crate) fn emit(&self, light: &Light, stage: &Stage, [u, v, s, t]: [f32; 4]) -> Emission {
         // A leaf by its share; what is left of `u` is uniform again.
@@ -250,12 +256,12 @@ impl ApertureTree {
                 let (direction, weight) = profile.emit([s, t]);
                 (*position, *frame * direction, weight)
             }
-            _ => self.from_facet(piece, light, [u, v, s, t], stage),
+            _ => self.off_facet(piece, light, [u, v, s, t], stage),
         };
         Emission { origin, direction, weight, piece }
     }
 
-    fn from_facet(
+    fn off_facet(
         &self,
         piece: u32,
         light: &Light,

@@ -17,23 +17,55 @@
 //!
 //! So an accumulator whose sums do not depend on order (fixed point) and whose jitter is a function of [`VirtualLight::seed`] and the receiver's index alone comes
 //! back to the same bits when an edit is undone.
+//!
+//! # The core
+//!
+//! [`Baker`] holds lamps ([`Light`]: aperture, profile, flux, transform), their paths, and the clusters of what these leave on surfaces. Edits are calls:
+//! [`add_light`](Baker::add_light), [`set_light`](Baker::set_light), [`remove_light`](Baker::remove_light), [`change_geometry`](Baker::change_geometry) for objects that
+//! were moved, added or removed, and [`recolour`](Baker::recolour). They only say what is out of date. [`Baker::step`] does the work, as much of it at a time as its
+//! caller allows, and is called between frames.
+//!
+//! Of the host it asks the nearest surface on rays, in the geometry as it is now ([`Trace`]), and to apply updates. Which old versions of the geometry still
+//! matter for shadows, [`Baker::oldest_version`] says.
+//!
+//! The baked light, once all is done, is a function of the scene alone, whatever edits led there: the same contributions to the bit, provided that each light
+//! has the same number of paths.
 
 mod aperture;
+mod baker;
+mod cell;
+mod cut;
+mod edits;
+mod forest;
 mod hull;
 mod incident;
 mod light;
 pub mod lightmap;
 mod normal_code;
+mod params;
+mod paths;
 pub mod photometry;
+mod planes;
 mod polygon;
 mod profile;
+mod revalidate;
+mod schedule;
+mod step;
 mod sums;
+mod trace;
 mod update;
+mod validate;
 mod virtual_light;
 
+pub use baker::{BakeStats, Baker};
+pub use cell::GroupDirections;
+pub use edits::ObjectChange;
 pub use incident::{Incident, Target};
 pub use light::{Aperture, Light, LightError, LightKey};
+pub use params::{BakeError, BakeParams, Bounds, UpdateOrder};
 pub use polygon::Polygon;
 pub use profile::{IntensityTable, Profile, TableError};
+pub use step::{Progress, StepBudget};
+pub use trace::{SurfaceHit, Trace};
 pub use update::{Contribution, GeometryVersion, Update};
 pub use virtual_light::{Shape, VirtualLight};

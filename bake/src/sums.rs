@@ -78,6 +78,11 @@ impl Sums {
         }
     }
 
+    /// A piece of a lamp, without segments.
+    pub(crate) fn of_piece(flux: i64) -> Self {
+        Self { flux, ..Self::default() }
+    }
+
     /// A segment that escapes.
     pub(crate) fn of_escape() -> Self {
         Self { scattered: 1, ..Self::default() }
@@ -128,14 +133,14 @@ impl Sums {
         (2.0 * variance.max(0.0)).sqrt()
     }
 
-    /// Φ_Ω of Equation 4, in units of flux: `flux` times the mean albedo of what it meets, escapes counted as black. Smoothed by one segment of albedo
+    /// `Φ_Ω` of Equation 4, in units of flux: `flux` times the mean albedo of what it meets, escapes counted as black. Smoothed by one segment of albedo
     /// 0.5, since what was never sent on says nothing.
     pub(crate) fn visual_contribution(&self, flux: f64) -> f64 {
         let albedo = self.albedo as f64 / f64::from(GRID);
         flux * (albedo + 0.5) / (f64::from(self.scattered) + 1.0)
     }
 
-    /// E_v of Equation 6 for a light of this radius, both in units of length; 0 where nothing is ever hit.
+    /// `E_v` of Equation 6 for a light of this radius, both in units of length; 0 where nothing is ever hit.
     pub(crate) fn visibility_error(&self, radius: f64) -> f64 {
         if self.hits == 0 || radius == 0.0 {
             return 0.0;
@@ -144,14 +149,14 @@ impl Sums {
         PI * radius * radius / (mean + radius).powi(2)
     }
 
-    /// I_max / Φ of members that are Lambertian, sr⁻¹: 1/π where all face the same way, and a quarter of that where they face every way.
+    /// `I_max` / Φ of members that are Lambertian, sr⁻¹: 1/π where all face the same way, and a quarter of that where they face every way.
     pub(crate) fn directionality(&self) -> f64 {
         let along = DVec3::from_array(self.normal.map(|n| n as f64)).length() * 1024.0;
         let unity = if self.flux > 0 { (along / self.flux as f64).min(1.0) } else { 0.0 };
         (0.25 + 0.75 * unity) / PI
     }
 
-    /// B of a cluster of members, Φ_Ω · D · E_v.
+    /// B of a cluster of members, `Φ_Ω` · D · `E_v`.
     pub(crate) fn metric(&self) -> f64 {
         self.visual_contribution(self.flux as f64)
             * self.directionality()

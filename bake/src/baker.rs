@@ -1,0 +1,211 @@
+//! The bake: lamps, paths, clusters, and what of them is in the baked light.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, Vec3};
+
+use crate::aperture::{ApertureTree, Stage};
+use crate::cut::Cut;
+use crate::forest::{Forest, OCTREE, Place};
+use crate::paths::Paths;
+use crate::schedule::Turns;
+use crate::sums::{GRID, Units};
+use crate::trace::PathRules;
+use crate::validate::EditLog;
+use crate::{BakeError, BakeParams, Contribution, GeometryVersion, Light, LightKey};
+
+/// Baked light that follows its scene.
+///
+/// Edits are calls; they are cheap, and only say what is out of date. [`step`](Self::step) does the work, a bit at a time.
+#[derive(Clone, Debug)]
+pub struct Baker {
+    pub(crate) params: BakeParams,
+    pub(crate) rules: PathRules,
+    pub(crate) forest: Forest,
+    pub(crate) cut: Cut,
+    pub(crate) paths: Paths,
+    pub(crate) lights: BTreeMap<LightKey, Lamp>,
+    /// Owner of the paths from this number on.
+    pub(crate) owners: BTreeMap<u32, LightKey>,
+    /// Numbers of paths that have no owner any more: length, first.
+    pub(crate) free_paths: Vec<(u32, u32)>,
+    pub(crate) next_path: u32,
+    pub(crate) version: GeometryVersion,
+    /// Counts edits of any kind.
+    pub(crate) edit: u32,
+    pub(crate) log: EditLog,
+    /// The edit that each object changed at last.
+    pub(crate) objects: Vec<u32>,
+    pub(crate) turns: Turns,
+    /// All paths were traced once.
+    pub(crate) primed: bool,
+    pub(crate) stats: BakeStats,
+}
+
+/// A light and its paths.
+#[derive(Clone, Debug)]
+pub(crate) struct Lamp {
+    pub(crate) light: Light,
+    pub(crate) tree: ApertureTree,
+    /// The forest's node of each piece.
+    pub(crate) nodes: Vec<u32>,
+    pub(crate) first_path: u32,
+    /// Paths that are known to be invalid.
+    pub(crate) known: Vec<u32>,
+    /// Their power, in units of flux.
+    pub(crate) invalid: i64,
+    /// Paths from here on may be invalid, too.
+    pub(crate) cursor: u32,
+    /// The edit that its emission changed at last.
+    pub(crate) changed: u32,
+}
+
+/// What was done since the bake began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct BakeStats {
+    /// Paths found valid, or made so.
+    pub paths_validated: u64,
+    /// Those of them that needed a ray.
+    pub paths_traced: u64,
+    /// Those of them that had changed.
+    pub paths_changed: u64,
+    /// Rays asked of the host.
+    pub rays: u64,
+    /// Answers of the host that were no surface: not finite, no unit normal, or an albedo outside [0, 1]. They counted as misses.
+    pub unsound_hits: u64,
+    /// Updates of clusters that were out of date.
+    pub validation_updates: u64,
+    /// Updates that refined or merged clusters.
+    pub balancing_updates: u64,
+    /// Lights added and subtracted by both.
+    pub accumulations: u64,
+}
+
+impl Baker {
+    /// A bake of nothing: add lights, then step.
+    ///
+    /// # Errors
+    /// A world or a dial out of range.
+    pub fn new(params: BakeParams) -> Result<Self, BakeError> {
+        params.check()?;
+        let [min, max] = [params.world.min, params.world.max].map(Vec3::as_dvec3);
+        // A little more than the box, so that a wall at its border is not on a face of the grid.
+        let side = (max - min).max_element() * (1.0 + 1.0 / 512.0);
+        let center = 0.5 * (min + max);
+        let origin = center - DVec3::splat(0.5 * side);
+        let units =
+            Units { origin, length: side / f64::from(GRID), flux: params.path_power / f64::from(GRID) };
+        let stage = Stage {
+            center: center.as_vec3(),
+            radius: (0.5 * (max - min).length()) as f32,
+            lift: (4.0 * side / f64::from(GRID)) as f32,
+        };
+        let mut forest = Forest::new(units, params.leaf_members);
+        let mut cut = Cut::new(params.clusters, params.order);
+        cut.select(&mut forest.nodes, OCTREE);
+        let mut baker = Self {
+            rules: PathRules { seed: params.seed, bounces: params.bounces, stage },
+            params,
+            forest,
+            cut,
+            paths: Paths::new(units),
+            lights: BTreeMap::new(),
+            owners: BTreeMap::new(),
+            free_paths: Vec::new(),
+            next_path: 0,
+            version: GeometryVersion::default(),
+            edit: 0,
+            log: EditLog::default(),
+            objects: Vec::new(),
+            turns: Turns::default(),
+            primed: false,
+            stats: BakeStats::default(),
+        };
+        baker.refresh();
+        Ok(baker)
+    }
+
+    /// The dials.
+    pub const fn params(&self) -> &BakeParams {
+        &self.params
+    }
+
+    /// The version of the geometry that paths are traced in, and lights added under.
+    pub const fn version(&self) -> GeometryVersion {
+        self.version
+    }
+
+    /// The oldest version that some baked light still names, or the current one: the host may forget all before it. Looks at every contribution.
+    pub fn oldest_version(&self) -> GeometryVersion {
+        self.cut.oldest_version().unwrap_or(self.version)
+    }
+
+    /// Everything that is in the baked light, in no order that means anything: what a host adds up that starts anew with an empty map.
+    pub fn contributions(&self) -> impl Iterator<Item = &Contribution> {
+        self.cut.contributions()
+    }
+
+    /// A light as it is described now.
+    pub fn light(&self, key: LightKey) -> Option<&Light> {
+        self.lights.get(&key).map(|lamp| &lamp.light)
+    }
+
+    /// Names of all lights, in order.
+    pub fn light_keys(&self) -> impl Iterator<Item = LightKey> {
+        self.lights.keys().copied()
+    }
+
+    /// What was done so far.
+    pub const fn stats(&self) -> BakeStats {
+        self.stats
+    }
+
+    /// Virtual point lights of all paths.
+    pub const fn path_vertices(&self) -> usize {
+        self.paths.vertex_count
+    }
+
+    /// Selected clusters: cells and pieces of lamps.
+    pub const fn clusters(&self) -> usize {
+        self.cut.selected
+    }
+
+    /// Virtual point lights outside [`BakeParams::world`], which went into the cells at its border.
+    pub const fn outside(&self) -> u32 {
+        self.forest.outside
+    }
+
+    /// Bytes of paths and clusters; what is baked comes on top, some 250 bytes for each contribution.
+    pub fn bytes(&self) -> usize {
+        self.paths.bytes() + self.forest.bytes()
+    }
+
+    /// Brings the order of clusters up to date after paths changed.
+    pub(crate) fn refresh(&mut self) {
+        let (lights, units) = (&self.lights, self.forest.units);
+        let stale = self.forest.refresh(|node| match node.place {
+            Place::Cell { .. } => node.sums.metric(),
+            Place::Piece { light, piece } => {
+                lights.get(&light).map_or(0.0, |lamp| lamp.metric(node, piece, units.length))
+            }
+        });
+        self.cut.refresh(&self.forest, &stale);
+    }
+}
+
+impl Lamp {
+    /// B of a piece: as of a cell, with what its aperture and profile say in place of its members.
+    fn metric(&self, node: &crate::forest::Node, piece: u32, length: f64) -> f64 {
+        use crate::{Aperture, Shape};
+        let piece = &self.tree.pieces[piece as usize];
+        let is_surface = !matches!(piece.shape, Shape::Point { .. } | Shape::Sphere { .. });
+        let contribution = node.sums.visual_contribution(node.sums.flux as f64);
+        let visibility = match self.light.aperture {
+            // The sky is as large as it looks, from everywhere.
+            Aperture::Sky { .. } => piece.size,
+            _ => node.sums.visibility_error(piece.size / length),
+        };
+        contribution * self.light.profile.directionality(is_surface) * visibility
+    }
+}

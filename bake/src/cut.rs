@@ -1,0 +1,406 @@
+//! The balanced cut: which nodes speak for their members, what of them is baked, and which of them is to be brought up to date next.
+//!
+//! Luksch, Wimmer and Schwärzler 2019, sections 4.3 (Algorithm 1) and 4.4.
+//!
+//! Differs from the paper's Algorithm 1, which need not end:
+//! - a node's metric is at least that of each node below it (B*), ties broken by flux, depth and name, so that parents come before children;
+//! - merging is compared with the largest B* among nodes that can be refined, not among all;
+//! - a merge that leaves the budget filled is always made.
+//!
+//! With these, no node is refined or merged twice (the largest refinable B* only falls, so what was refined at that maximum is never merged below it), and
+//! where it ends is a function of the trees alone: the refined nodes are the first in the order, as many as it takes to fill the budget. The last one may
+//! overshoot it by 6.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::forest::{Forest, Goodbye, NONE, Node, Place};
+use crate::{Contribution, GeometryVersion, UpdateOrder};
+
+/// Order of refinement: larger first. Never equal for two nodes, and never smaller for a parent than for its child.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Rank {
+    /// Bits of B*, which order as it does since it is not negative.
+    importance: u64,
+    flux: i64,
+    /// Less for deeper nodes.
+    height: u8,
+    place: Place,
+}
+
+impl Rank {
+    fn of(node: &Node) -> Self {
+        Self {
+            importance: node.importance.to_bits(),
+            flux: node.sums.flux,
+            height: u8::MAX - node.depth,
+            place: node.place,
+        }
+    }
+}
+
+/// Order of validation: larger first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Urgency {
+    invalid: i64,
+    flux: i64,
+    place: Place,
+}
+
+/// What the cut knows of a node that is in it, or above it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct State {
+    pub(crate) node: u32,
+    /// Its children speak for it.
+    pub(crate) refined: bool,
+    /// What of it, or of what it replaced, is in the baked light.
+    pub(crate) baked: Vec<Contribution>,
+    /// Flux when it was baked, in units; 0 before.
+    flux_at_bake: i64,
+    /// Flux of paths that left its members for other receivers since it was baked, in units.
+    absolute: i64,
+    /// Not up to date.
+    is_pending: bool,
+    is_touched: bool,
+    rank: Option<Rank>,
+    urgency: Option<Urgency>,
+    /// When it became pending.
+    since: i64,
+}
+
+/// One step towards the balanced cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Balancing {
+    Refine(u32),
+    Merge(u32),
+}
+
+/// What is to be brought up to date next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Pending {
+    /// A node's state.
+    State(u32),
+    /// Contributions of a node that is no more.
+    Orphans((i64, u64)),
+}
+
+/// The cut through all trees.
+#[derive(Clone, Debug)]
+pub(crate) struct Cut {
+    pub(crate) states: Vec<State>,
+    free: Vec<u32>,
+    /// Selected nodes with children; refined ones without refined children.
+    refinable: BTreeSet<(Rank, u32)>,
+    mergeable: BTreeSet<(Rank, u32)>,
+    queue: BTreeSet<(Urgency, u32)>,
+    touched: Vec<u32>,
+    /// Of nodes that went just now: contributions, flux at bake, absolute change.
+    falling: (Vec<Contribution>, i64, i64),
+    orphans: BTreeMap<(i64, u64), Vec<Contribution>>,
+    /// Selected nodes.
+    pub(crate) selected: usize,
+    pub(crate) budget: usize,
+    order: UpdateOrder,
+    /// Counts what becomes pending, or an orphan.
+    clock: u64,
+}
+
+impl Cut {
+    pub(crate) fn new(budget: usize, order: UpdateOrder) -> Self {
+        Self {
+            states: Vec::new(),
+            free: Vec::new(),
+            refinable: BTreeSet::new(),
+            mergeable: BTreeSet::new(),
+            queue: BTreeSet::new(),
+            touched: Vec::new(),
+            falling: (Vec::new(), 0, 0),
+            orphans: BTreeMap::new(),
+            selected: 0,
+            budget,
+            order,
+            clock: 0,
+        }
+    }
+
+    /// Gives a node a state: selected, and pending.
+    pub(crate) fn select(&mut self, nodes: &mut [Node], node: u32) -> u32 {
+        let state = State { node, ..State::default() };
+        let index = self.free.pop().unwrap_or_else(|| {
+            self.states.push(State::default());
+            (self.states.len() - 1) as u32
+        });
+        // A state that went while it was touched is still listed.
+        let is_touched = self.states[index as usize].is_touched;
+        self.states[index as usize] = State { is_touched, ..state };
+        nodes[node as usize].state = index;
+        self.selected += 1;
+        self.pend(index);
+        index
+    }
+
+    /// The state has to be brought up to date.
+    pub(crate) fn pend(&mut self, index: u32) {
+        let state = &mut self.states[index as usize];
+        if !state.is_pending {
+            state.is_pending = true;
+            self.clock += 1;
+            state.since = self.clock as i64;
+        }
+        self.touch(index);
+    }
+
+    /// Paths that left the node for other receivers, in units of flux.
+    pub(crate) fn change_receivers(&mut self, index: u32, flux: i64) {
+        let state = &mut self.states[index as usize];
+        state.absolute = state.absolute.saturating_add(flux);
+        self.pend(index);
+    }
+
+    /// Everything that is baked is out of date.
+    pub(crate) fn pend_all(&mut self) {
+        for index in 0..self.states.len() as u32 {
+            let state = &self.states[index as usize];
+            if state.node != NONE && !state.refined && !state.baked.is_empty() {
+                self.pend(index);
+            }
+        }
+    }
+
+    fn touch(&mut self, index: u32) {
+        let state = &mut self.states[index as usize];
+        if !state.is_touched {
+            state.is_touched = true;
+            self.touched.push(index);
+        }
+    }
+
+    /// Takes a state out of all lists.
+    fn unlist(&mut self, index: u32) {
+        let state = &mut self.states[index as usize];
+        if let Some(rank) = state.rank.take() {
+            self.refinable.remove(&(rank, index));
+            self.mergeable.remove(&(rank, index));
+        }
+        if let Some(urgency) = state.urgency.take() {
+            self.queue.remove(&(urgency, index));
+        }
+    }
+
+    /// Brings ranks and urgencies up to date after changes to the trees: `stale` are nodes whose importance may have changed.
+    pub(crate) fn refresh(&mut self, forest: &Forest, stale: &[u32]) {
+        for &node in stale {
+            let state = forest.nodes[node as usize].state;
+            if state != NONE {
+                self.touch(state);
+            }
+        }
+        for index in core::mem::take(&mut self.touched) {
+            self.states[index as usize].is_touched = false;
+            if self.states[index as usize].node != NONE {
+                self.list(forest, index);
+            }
+        }
+    }
+
+    fn list(&mut self, forest: &Forest, index: u32) {
+        self.unlist(index);
+        let state = &self.states[index as usize];
+        let node = &forest.nodes[state.node as usize];
+        let rank = Rank::of(node);
+        let (refined, pending) = (state.refined, state.is_pending);
+        let urgency = self.urgency(forest, index);
+        let state = &mut self.states[index as usize];
+        if refined {
+            let state_of = |child: u32| forest.nodes[child as usize].state;
+            let flat =
+                forest.children(state.node).all(|child| !self.states[state_of(child) as usize].refined);
+            if flat {
+                self.states[index as usize].rank = Some(rank);
+                self.mergeable.insert((rank, index));
+            }
+            return;
+        }
+        if !forest.is_leaf(state.node) {
+            state.rank = Some(rank);
+            self.refinable.insert((rank, index));
+        }
+        if pending {
+            state.urgency = Some(urgency);
+            self.queue.insert((urgency, index));
+        }
+    }
+
+    fn urgency(&self, forest: &Forest, index: u32) -> Urgency {
+        let state = &self.states[index as usize];
+        let node = &forest.nodes[state.node as usize];
+        let invalid = match self.order {
+            UpdateOrder::InvalidFlux => self.invalid_flux(forest, index),
+            UpdateOrder::FirstInFirstOut => -state.since,
+        };
+        Urgency { invalid, flux: node.sums.flux.max(state.flux_at_bake), place: node.place }
+    }
+
+    /// `Φ_inv`: what its flux changed by, and flux whose receivers changed, in units.
+    pub(crate) fn invalid_flux(&self, forest: &Forest, index: u32) -> i64 {
+        let state = &self.states[index as usize];
+        let flux = forest.nodes[state.node as usize].sums.flux;
+        (flux - state.flux_at_bake).abs().saturating_add(state.absolute)
+    }
+
+    /// What to validate next, with `Φ_inv` and Φ of it in units of flux.
+    pub(crate) fn next_validation(&self, forest: &Forest) -> Option<(Pending, i64, i64)> {
+        let orphans = self.orphans.last_key_value().map(|(&key, _)| (Pending::Orphans(key), key.0, key.0));
+        let state = self.queue.last().map(|&(urgency, index)| {
+            (Pending::State(index), urgency.invalid, self.invalid_flux(forest, index), urgency.flux)
+        });
+        match (orphans, state) {
+            (Some(orphans), Some((_, urgency, ..))) if orphans.1 >= urgency => Some(orphans),
+            (orphans, None) => orphans,
+            (_, Some((pending, _, invalid, flux))) => Some((pending, invalid, flux)),
+        }
+    }
+
+    /// The next step of Algorithm 1; `None` where the cut is balanced.
+    pub(crate) fn next_balancing(&self, forest: &Forest) -> Option<Balancing> {
+        let largest = self.refinable.last();
+        if self.selected < self.budget {
+            return largest.map(|&(_, state)| Balancing::Refine(state));
+        }
+        let &(smallest, state) = self.mergeable.first()?;
+        let introduces_less = largest.is_some_and(|&(largest, _)| smallest < largest);
+        let children = forest.children(self.states[state as usize].node).count();
+        (introduces_less || self.selected + 1 - children >= self.budget).then_some(Balancing::Merge(state))
+    }
+
+    /// Replaces a selected node by its children; hands over what was baked of it.
+    pub(crate) fn refine(&mut self, forest: &mut Forest, index: u32) -> (Vec<Contribution>, Vec<u32>) {
+        self.unlist(index);
+        let state = &mut self.states[index as usize];
+        let node = state.node;
+        let baked = core::mem::take(&mut state.baked);
+        *state = State { node, refined: true, is_touched: state.is_touched, ..State::default() };
+        self.selected -= 1;
+        let children: Vec<u32> = forest.children(node).collect();
+        let children = children.into_iter().map(|child| self.select(&mut forest.nodes, child)).collect();
+        self.touch(index);
+        self.touch_parent(forest, node);
+        (baked, children)
+    }
+
+    /// Replaces the children of a refined node by the node; hands over what was baked of them.
+    pub(crate) fn merge(&mut self, forest: &mut Forest, index: u32) -> Vec<Contribution> {
+        let node = self.states[index as usize].node;
+        let mut baked = Vec::new();
+        for child in forest.children(node) {
+            let state = core::mem::replace(&mut forest.nodes[child as usize].state, NONE);
+            baked.append(&mut self.states[state as usize].baked);
+            self.retire(state);
+        }
+        self.states[index as usize].refined = false;
+        self.selected += 1;
+        self.pend(index);
+        self.touch_parent(forest, node);
+        baked
+    }
+
+    fn touch_parent(&mut self, forest: &Forest, node: u32) {
+        let parent = forest.nodes[node as usize].parent;
+        if parent != NONE {
+            self.touch(forest.nodes[parent as usize].state);
+        }
+    }
+
+    fn retire(&mut self, index: u32) {
+        self.unlist(index);
+        let state = &mut self.states[index as usize];
+        self.selected -= usize::from(!state.refined);
+        *state = State { node: NONE, is_touched: state.is_touched, ..State::default() };
+        self.free.push(index);
+    }
+
+    /// The state is up to date with these contributions.
+    pub(crate) fn set_baked(&mut self, forest: &Forest, index: u32, baked: Vec<Contribution>) {
+        let state = &mut self.states[index as usize];
+        state.baked = baked;
+        state.flux_at_bake = forest.nodes[state.node as usize].sums.flux;
+        state.absolute = 0;
+        state.is_pending = false;
+        self.touch(index);
+    }
+
+    pub(crate) fn take_orphans(&mut self, key: (i64, u64)) -> Vec<Contribution> {
+        self.orphans.remove(&key).unwrap_or_default()
+    }
+
+    pub(crate) fn add_orphans(&mut self, contributions: Vec<Contribution>, flux: i64) {
+        if !contributions.is_empty() {
+            self.clock += 1;
+            self.orphans.insert((flux, self.clock), contributions);
+        }
+    }
+
+    /// Everything in the baked light.
+    pub(crate) fn contributions(&self) -> impl Iterator<Item = &Contribution> {
+        self.states.iter().flat_map(|state| &state.baked).chain(self.orphans.values().flatten())
+    }
+
+    /// Nodes and orphans that are not up to date.
+    pub(crate) fn pending(&self) -> usize {
+        self.queue.len() + self.orphans.len()
+    }
+
+    /// Whether a contribution of this version or an earlier one is baked.
+    pub(crate) fn oldest_version(&self) -> Option<GeometryVersion> {
+        self.contributions().map(|contribution| contribution.version).min()
+    }
+}
+
+impl Goodbye for Cut {
+    fn gone(&mut self, nodes: &mut [Node], node: u32) {
+        let index = core::mem::replace(&mut nodes[node as usize].state, NONE);
+        let state = &mut self.states[index as usize];
+        self.falling.0.append(&mut state.baked);
+        self.falling.1 += state.flux_at_bake;
+        self.falling.2 = self.falling.2.saturating_add(state.absolute);
+        self.retire(index);
+    }
+
+    fn left(&mut self) {
+        let (baked, flux, absolute) = core::mem::take(&mut self.falling);
+        self.add_orphans(baked, flux.saturating_add(absolute));
+    }
+
+    fn folded(&mut self, nodes: &mut [Node], node: u32) {
+        let (baked, flux_at_bake, absolute) = core::mem::take(&mut self.falling);
+        let index = nodes[node as usize].state;
+        if index == NONE {
+            return;
+        }
+        self.unlist(index);
+        let state = &mut self.states[index as usize];
+        if state.refined {
+            state.refined = false;
+            state.baked = baked;
+            state.flux_at_bake = flux_at_bake;
+            state.absolute = absolute;
+            self.selected += 1;
+        }
+        self.pend(index);
+    }
+
+    fn born(&mut self, nodes: &mut [Node], node: u32) {
+        let above = nodes[nodes[node as usize].parent as usize].state;
+        if above != NONE && self.states[above as usize].refined {
+            self.select(nodes, node);
+        }
+    }
+
+    fn touched(&mut self, nodes: &mut [Node], node: u32) {
+        let index = nodes[node as usize].state;
+        if self.states[index as usize].refined {
+            self.touch(index);
+        } else {
+            self.pend(index);
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! Whatever is undone comes back to the same bits, and a bake that followed edits is the bake from scratch.
+
+mod common;
+
+use bake::{Baker, LightKey, UpdateOrder};
+use common::{Receivers, World, baked_room, bulb, finish, lamp, params, solid};
+use glam::Vec3;
+
+/// A bake of the same world and lights from scratch.
+fn from_scratch(world: &World, like: &Baker, receivers: &Receivers) -> (Baker, Receivers) {
+    let mut world = world.clone();
+    let solids = world.solids().to_vec();
+    world.current = Default::default();
+    world.versions.insert(world.current, solids);
+    let mut baker = Baker::new(*like.params()).unwrap();
+    for key in like.light_keys() {
+        baker.add_light(key, like.light(key).unwrap().clone()).unwrap();
+    }
+    let mut fresh = Receivers { sums: vec![[0; 3]; receivers.sums.len()], ..receivers.clone() };
+    finish(&mut baker, &world, &mut fresh);
+    (baker, fresh)
+}
+
+fn lights_of(baker: &Baker) -> Vec<String> {
+    let mut lights: Vec<String> = baker.contributions().map(|c| format!("{:?}", c.light)).collect();
+    lights.sort();
+    lights
+}
+
+fn assert_as_from_scratch(world: &World, baker: &Baker, receivers: &Receivers, what: &str) {
+    let (fresh, expected) = from_scratch(world, baker, receivers);
+    assert_eq!(lights_of(baker), lights_of(&fresh), "{what}");
+    assert_eq!(baker.clusters(), fresh.clusters(), "{what}");
+    assert_eq!(baker.path_vertices(), fresh.path_vertices(), "{what}");
+    assert_eq!(receivers.sums, expected.sums, "{what}");
+}
+
+#[test]
+fn moved_away_and_back() {
+    let (mut world, mut baker, mut receivers) = baked_room(params(0.05));
+    let start = receivers.sums.clone();
+    assert!(start.iter().all(|sum| sum[0] > 0));
+    world.put(&mut baker, 1, Some(solid([2.0, 0.0, -3.0], [3.0, 2.0, -2.0], 0.5)));
+    finish(&mut baker, &world, &mut receivers);
+    assert_ne!(receivers.sums, start);
+    assert_as_from_scratch(&world, &baker, &receivers, "moved");
+    world.put(&mut baker, 1, Some(solid([-2.0, 0.0, -1.0], [-1.0, 2.0, 0.0], 0.5)));
+    finish(&mut baker, &world, &mut receivers);
+    assert_eq!(receivers.sums, start);
+}
+
+#[test]
+fn taken_out_and_put_back() {
+    let (mut world, mut baker, mut receivers) = baked_room(params(0.05));
+    let start = receivers.sums.clone();
+    world.put(&mut baker, 2, None);
+    finish(&mut baker, &world, &mut receivers);
+    assert_as_from_scratch(&world, &baker, &receivers, "taken out");
+    world.put(&mut baker, 2, Some(solid([1.5, 0.0, 1.0], [3.0, 1.0, 2.5], 0.7)));
+    finish(&mut baker, &world, &mut receivers);
+    assert_eq!(receivers.sums, start);
+}
+
+#[test]
+fn painted_and_painted_back() {
+    let (mut world, mut baker, mut receivers) = baked_room(params(0.05));
+    let start = receivers.sums.clone();
+    world.recolour(&mut baker, 0, Vec3::new(0.1, 0.6, 0.3));
+    finish(&mut baker, &world, &mut receivers);
+    assert_ne!(receivers.sums, start);
+    assert_as_from_scratch(&world, &baker, &receivers, "painted");
+    world.recolour(&mut baker, 0, Vec3::splat(0.6));
+    finish(&mut baker, &world, &mut receivers);
+    assert_eq!(receivers.sums, start);
+}
+
+#[test]
+fn lights_off_and_on() {
+    let (world, mut baker, mut receivers) = baked_room(params(0.05));
+    let start = receivers.sums.clone();
+    // Dimmed to nothing.
+    let on = baker.light(LightKey(1)).unwrap().clone();
+    baker.set_light(LightKey(1), bake::Light { flux: Vec3::ZERO, ..on.clone() }).unwrap();
+    finish(&mut baker, &world, &mut receivers);
+    assert_as_from_scratch(&world, &baker, &receivers, "dimmed");
+    baker.set_light(LightKey(1), on).unwrap();
+    finish(&mut baker, &world, &mut receivers);
+    assert_eq!(receivers.sums, start);
+    // Taken out: all lights, so that it is dark to the last bit.
+    let lights: Vec<_> = baker.light_keys().map(|key| (key, baker.light(key).unwrap().clone())).collect();
+    for (key, _) in &lights {
+        baker.remove_light(*key).unwrap();
+    }
+    finish(&mut baker, &world, &mut receivers);
+    assert!(receivers.sums.iter().all(|sum| *sum == [0; 3]));
+    assert_eq!((baker.path_vertices(), baker.contributions().count()), (0, 0));
+    for (key, light) in lights.into_iter().rev() {
+        baker.add_light(key, light).unwrap();
+    }
+    finish(&mut baker, &world, &mut receivers);
+    assert_eq!(receivers.sums, start);
+}
+
+/// Edits that come before the last one is through.
+#[test]
+fn edits_in_the_midst_of_others() {
+    for order in [UpdateOrder::InvalidFlux, UpdateOrder::FirstInFirstOut] {
+        let (mut world, mut baker, mut receivers) = baked_room(bake::BakeParams { order, ..params(0.05) });
+        let start = receivers.sums.clone();
+        let budget = bake::StepBudget { paths: 300, accumulations: 5 };
+        for round in 0..12u32 {
+            let x = round as f32 * 0.3;
+            match round % 4 {
+                0 => world.put(&mut baker, 1, Some(solid([x, 0.0, -3.0], [x + 1.0, 2.0, -2.0], 0.5))),
+                1 => baker.set_light(LightKey(1), lamp([x, 3.9, 0.5], 90.0 + x, 2000)).unwrap(),
+                2 => world.recolour(&mut baker, 2, Vec3::new(0.2, 0.1 * x, 0.9)),
+                _ => {
+                    baker.remove_light(LightKey(7)).unwrap();
+                    baker.add_light(LightKey(7), bulb([x, 3.0, x], 10.0 + x, 500 + round)).unwrap();
+                }
+            }
+            for _ in 0..round % 3 {
+                baker.step(budget, &world.trace(), &mut |update| receivers.apply(&world, update));
+            }
+        }
+        finish(&mut baker, &world, &mut receivers);
+        assert_as_from_scratch(&world, &baker, &receivers, "many edits");
+        world.put(&mut baker, 1, Some(solid([-2.0, 0.0, -1.0], [-1.0, 2.0, 0.0], 0.5)));
+        world.recolour(&mut baker, 2, Vec3::splat(0.7));
+        baker.set_light(LightKey(1), lamp([0.0, 3.9, 0.0], 100.0, 2000)).unwrap();
+        baker.set_light(LightKey(7), bulb([-3.0, 3.0, 3.0], 40.0, 800)).unwrap();
+        finish(&mut baker, &world, &mut receivers);
+        assert_eq!(receivers.sums, start);
+    }
+}
+
+/// Boxes tell what need not be traced; with them and without the paths are the same.
+#[test]
+fn paths_that_are_skipped_are_valid() {
+    let (mut world, mut baker, mut receivers) = baked_room(params(0.05));
+    let (mut world_all, mut all, mut receivers_all) =
+        baked_room(bake::BakeParams { skip_unaffected: false, ..params(0.05) });
+    let boxes = [
+        Some(solid([-2.0, 1.0, -1.0], [-1.0, 3.0, 0.0], 0.5)),
+        None,
+        Some(solid([-0.5, 2.5, -0.5], [0.5, 2.6, 0.5], 0.1)),
+    ];
+    for solid in boxes {
+        world.put(&mut baker, 1, solid);
+        world_all.put(&mut all, 1, solid);
+        let before = (baker.stats().rays, all.stats().rays);
+        finish(&mut baker, &world, &mut receivers);
+        finish(&mut all, &world_all, &mut receivers_all);
+        assert_eq!(lights_of(&baker), lights_of(&all));
+        assert_eq!(receivers.sums, receivers_all.sums);
+        assert!(2 * (baker.stats().rays - before.0) < all.stats().rays - before.1);
+    }
+}

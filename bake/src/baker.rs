@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 
 use crate::aperture::{ApertureTree, Stage};
-use crate::cut::Cut;
+use crate::cut::{Cut, Saved};
 use crate::forest::{Forest, OCTREE, Place};
 use crate::paths::Paths;
 use crate::schedule::Turns;
@@ -39,6 +39,8 @@ pub struct Baker {
     pub(crate) turns: Turns,
     /// All paths were traced once.
     pub(crate) primed: bool,
+    /// What a saved bake said, until paths are traced and it can be given to its clusters.
+    pub(crate) restored: Vec<Saved>,
     pub(crate) stats: BakeStats,
 }
 
@@ -120,6 +122,7 @@ impl Baker {
             objects: Vec::new(),
             turns: Turns::default(),
             primed: false,
+            restored: Vec::new(),
             stats: BakeStats::default(),
         };
         baker.refresh();
@@ -138,12 +141,12 @@ impl Baker {
 
     /// The oldest version that some baked light still names, or the current one: the host may forget all before it. Looks at every contribution.
     pub fn oldest_version(&self) -> GeometryVersion {
-        self.cut.oldest_version().unwrap_or(self.version)
+        self.contributions().map(|contribution| contribution.version).min().unwrap_or(self.version)
     }
 
     /// Everything that is in the baked light, in no order that means anything: what a host adds up that starts anew with an empty map.
     pub fn contributions(&self) -> impl Iterator<Item = &Contribution> {
-        self.cut.contributions()
+        self.cut.contributions().chain(self.restored.iter().flat_map(|saved| &saved.baked))
     }
 
     /// A light as it is described now.
@@ -179,6 +182,18 @@ impl Baker {
     /// Bytes of paths and clusters; what is baked comes on top, some 250 bytes for each contribution.
     pub fn bytes(&self) -> usize {
         self.paths.bytes() + self.forest.bytes()
+    }
+
+    /// Gives what was loaded to its clusters.
+    pub(crate) fn restore(&mut self) {
+        for saved in core::mem::take(&mut self.restored) {
+            let root = match saved.place {
+                Some(Place::Cell { .. }) => Some(OCTREE),
+                Some(Place::Piece { light, .. }) => self.lights.get(&light).map(|lamp| lamp.nodes[0]),
+                None => None,
+            };
+            self.cut.restore(&mut self.forest, saved, root);
+        }
     }
 
     /// Brings the order of clusters up to date after paths changed.

@@ -14,7 +14,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::forest::{Forest, Goodbye, NONE, Node, Place};
-use crate::{Contribution, GeometryVersion, UpdateOrder};
+use crate::{Contribution, UpdateOrder};
 
 /// Order of refinement: larger first. Never equal for two nodes, and never smaller for a parent than for its child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -65,6 +65,15 @@ pub(crate) struct State {
     urgency: Option<Urgency>,
     /// When it became pending.
     since: i64,
+}
+
+/// What is baked of a place that has a state, or of what is no more.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Saved {
+    pub(crate) place: Option<Place>,
+    pub(crate) flux_at_bake: i64,
+    pub(crate) absolute: i64,
+    pub(crate) baked: Vec<Contribution>,
 }
 
 /// One step towards the balanced cut.
@@ -339,6 +348,51 @@ impl Cut {
         }
     }
 
+    /// All that is baked, by place; `waiting` was loaded and has no state yet.
+    pub(crate) fn save(&self, forest: &Forest, waiting: &[Saved]) -> Vec<Saved> {
+        let selected = self.states.iter().filter(|state| state.node != NONE && !state.baked.is_empty());
+        let of_state = |state: &State| Saved {
+            place: Some(forest.nodes[state.node as usize].place),
+            flux_at_bake: state.flux_at_bake,
+            absolute: state.absolute,
+            baked: state.baked.clone(),
+        };
+        let of_orphans = |(key, baked): (&(i64, u64), &Vec<Contribution>)| Saved {
+            place: None,
+            flux_at_bake: key.0,
+            absolute: 0,
+            baked: baked.clone(),
+        };
+        let states = selected.map(of_state).chain(self.orphans.iter().map(of_orphans));
+        states.chain(waiting.iter().cloned()).collect()
+    }
+
+    /// Gives what was loaded to its place, refining down to it; what has no place any more is an orphan.
+    pub(crate) fn restore(&mut self, forest: &mut Forest, saved: Saved, root: Option<u32>) {
+        let mut node = root;
+        while let (Some(at), Some(place)) = (node, saved.place) {
+            if forest.nodes[at as usize].place == place {
+                break;
+            }
+            let below = forest.child_towards(at, place);
+            let state = forest.nodes[at as usize].state;
+            if below.is_some() && state != NONE && !self.states[state as usize].refined {
+                self.refine(forest, state);
+            }
+            node = below;
+        }
+        let state = node.map_or(NONE, |node| forest.nodes[node as usize].state);
+        if saved.place.is_none() || state == NONE || self.states[state as usize].refined {
+            self.add_orphans(saved.baked, saved.flux_at_bake.saturating_add(saved.absolute));
+            return;
+        }
+        let entry = &mut self.states[state as usize];
+        entry.flux_at_bake = saved.flux_at_bake;
+        entry.absolute = saved.absolute;
+        entry.baked = saved.baked;
+        self.pend(state);
+    }
+
     /// Everything in the baked light.
     pub(crate) fn contributions(&self) -> impl Iterator<Item = &Contribution> {
         self.states.iter().flat_map(|state| &state.baked).chain(self.orphans.values().flatten())
@@ -347,11 +401,6 @@ impl Cut {
     /// Nodes and orphans that are not up to date.
     pub(crate) fn pending(&self) -> usize {
         self.queue.len() + self.orphans.len()
-    }
-
-    /// Whether a contribution of this version or an earlier one is baked.
-    pub(crate) fn oldest_version(&self) -> Option<GeometryVersion> {
-        self.contributions().map(|contribution| contribution.version).min()
     }
 }
 

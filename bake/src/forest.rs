@@ -159,6 +159,24 @@ impl Forest {
         all.into_iter().filter(|&child| child != NONE)
     }
 
+    /// The child of a node that `place` is, or lies below.
+    pub(crate) fn child_towards(&self, node: u32, place: Place) -> Option<u32> {
+        let towards = |child: &u32| match (self.nodes[*child as usize].place, place) {
+            (Place::Cell { depth: above, code: prefix }, Place::Cell { depth, code }) => {
+                above <= depth && code >> (3 * u32::from(depth - above).min(21)) == prefix
+            }
+            // A lamp's trees are small: any child that has the piece below it.
+            (Place::Piece { .. }, Place::Piece { .. }) => self.has_below(*child, place),
+            _ => false,
+        };
+        self.children(node).find(towards)
+    }
+
+    fn has_below(&self, node: u32, place: Place) -> bool {
+        self.nodes[node as usize].place == place
+            || self.children(node).any(|child| self.has_below(child, place))
+    }
+
     /// Members below a cell, in no order that means anything.
     pub(crate) fn members_below(&self, node: u32, members: &impl Members, each: &mut impl FnMut(u32)) {
         for child in self.children(node) {

@@ -83,10 +83,11 @@ impl Polygon {
 
     /// The same, seen from the other side.
     pub fn flipped(&self) -> Self {
-        let mut flipped = *self;
-        flipped.corners[..usize::from(self.count)].reverse();
-        flipped.normal = -self.normal;
-        flipped
+        let mut corners = self.corners;
+        let corners = &mut corners[..usize::from(self.count)];
+        corners.reverse();
+        // Rounding in another order might leave no area; then what was known is turned round.
+        Self::new(corners).unwrap_or(Self { corners: self.corners, normal: -self.normal, ..*self })
     }
 
     /// The point for two uniform numbers, evenly over the area.

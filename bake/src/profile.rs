@@ -231,6 +231,11 @@ impl IntensityTable {
         self.peak
     }
 
+    /// Planes and angles, degrees, and intensities, cd, as they were given.
+    pub fn parts(&self) -> (&[f32], &[f32], &[f32]) {
+        (&self.planes, &self.gammas, &self.candela)
+    }
+
     /// Intensity towards unit `direction` in the light's frame, cd.
     pub fn intensity(&self, direction: Vec3) -> f32 {
         // atan2 is exact near the axis, where acos of a rounded cosine is not.

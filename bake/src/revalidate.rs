@@ -45,7 +45,10 @@ impl Baker {
         }
         if self.paths_pending() == 0 {
             self.log.clear();
-            self.primed = true;
+            if !self.primed {
+                self.primed = true;
+                self.restore();
+            }
         }
         tasks.len()
     }

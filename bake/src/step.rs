@@ -52,7 +52,13 @@ impl Baker {
             self.refresh();
         }
         let mut progress = Progress::default();
-        if self.primed || self.paths_pending() == 0 {
+        if self.paths_pending() == 0 && !self.primed {
+            // No light, and so no path.
+            self.primed = true;
+            self.restore();
+            self.refresh();
+        }
+        if self.primed {
             // Balancing what is not baked yet costs no light, but time.
             let mut turns = 64 + 8 * budget.accumulations;
             while progress.accumulations < budget.accumulations && turns > 0 {

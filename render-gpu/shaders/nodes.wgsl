@@ -39,6 +39,11 @@ fn in_units(bits: u32, exponent: u32) -> u32 {
     return max(kept + u32(up), 1u);
 }
 
+fn late_slot(light: u32, slot: u32) {
+    let late = light - header.inner;
+    nodes[2u * (header.inner + header.len) + late / 4u][late % 4u] = slot;
+}
+
 @compute @workgroup_size(256)
 fn leaves(
     @builtin(local_invocation_index) thread: u32,
@@ -46,6 +51,10 @@ fn leaves(
     @builtin(num_workgroups) grid: vec3u,
 ) {
     let slot = workgroup_index(workgroup, grid) * 256u + thread;
+    // Lights that no inner node has the number of have their slots after all nodes.
+    if (slot >= header.inner && slot < header.len + header.dropped + header.invalid) {
+        late_slot(slot, NONE);
+    }
     if (slot >= header.len) {
         return;
     }
@@ -70,6 +79,8 @@ fn slots(
     let light = nodes[2u * (header.inner + slot) + 1u].w;
     if (light < header.inner) {
         nodes[2u * light + 1u].w = slot;
+    } else {
+        late_slot(light, slot);
     }
 }
 

@@ -36,6 +36,17 @@ pub enum GpuError {
         /// How many there may be.
         most: u64,
     },
+    /// A number that is asked for is out of its range.
+    Range {
+        /// Which.
+        what: &'static str,
+        /// The number.
+        count: u32,
+        /// The least there may be.
+        least: u32,
+        /// The most.
+        most: u32,
+    },
     /// The device refused something: WGSL of the host's that does not fit, or a fault of this crate; with what wgpu says about it.
     Refused {
         /// What was to be created or done.
@@ -61,6 +72,9 @@ impl fmt::Display for GpuError {
             Self::OutOfMemory { what } => write!(f, "no memory on the device for {what}"),
             Self::TooMany { what, count, most } => {
                 write!(f, "{count} {what} where at most {most} were planned for; make larger buffers")
+            }
+            Self::Range { what, count, least, most } => {
+                write!(f, "{count} {what}; ask for {least} to {most}")
             }
             Self::Refused { what, reason } => write!(f, "the device refuses {what}: {reason}"),
         }

@@ -13,9 +13,11 @@
 //! - **Numbers.** WGSL has no f64 and may assume that there is no NaN. Where the CPU asks f64 a kernel takes what is safe: a light that might contribute is
 //!   never impossible. So a walk on a device differs from one on the CPU now and then, where two probabilities differ in the last bits; both are right.
 
+pub mod draw;
 mod error;
 mod gpu;
 mod kernel;
+mod receiver;
 pub mod records;
 pub mod source;
 mod transfer;
@@ -23,3 +25,4 @@ pub mod tree;
 
 pub use error::GpuError;
 pub use gpu::{Gpu, required_limits};
+pub use receiver::{DEFAULT_RECEIVER, ReceiverRecord};

@@ -52,6 +52,36 @@ pub struct TreeHeader {
     pub starts: [u32; 32],
 }
 
+/// What a drawing kernel is asked for; see [`draw`](crate::draw), which writes it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct DrawParams {
+    /// Receivers in the buffer.
+    pub receivers: u32,
+    /// Entries for each.
+    pub lights: u32,
+    /// Seed of all random numbers.
+    pub seed: u32,
+    /// Frame or pass.
+    pub index: u32,
+    /// Stream of the first receiver.
+    pub first_stream: u32,
+    /// Most nodes of a cut.
+    pub nodes: u32,
+    /// Lights from each of its nodes.
+    pub per_node: u32,
+    /// Nodes nearer than this share of the radius of all lights count as that far, when a cut is made.
+    pub distance_floor: f32,
+    /// Columns of the picture, pixels.
+    pub width: u32,
+    /// Rows, pixels.
+    pub height: u32,
+    /// Side of the blocks that share a cut, pixels.
+    pub block: u32,
+    /// Side of the sub-blocks that a cut is interleaved over, pixels.
+    pub interleave: u32,
+}
+
 /// Size and offsets of a record.
 #[derive(Clone, Copy, Debug)]
 pub struct Layout {
@@ -77,5 +107,11 @@ macro_rules! layout {
 pub const LAYOUTS: &[Layout] = &[
     layout!(LightRecord, "LightRecord": min, intensity, max, user),
     layout!(lighttree::PerfectNode, "PerfectNode": min, intensity, max, id),
+    layout!(lighttree::WeightedLight, "WeightedLight": light, weight),
+    layout!(crate::ReceiverRecord, "Receiver": position, diffuse, normal, peak, axis, width_squared),
+    layout!(
+        DrawParams, "DrawParams": receivers, lights, seed, index, first_stream, nodes, per_node, distance_floor, width,
+        height, block, interleave,
+    ),
     layout!(TreeHeader, "TreeHeader": min, len, scale, depth, dropped, invalid, unit_exponent, inner, starts),
 ];

@@ -12,7 +12,7 @@ pub struct Source {
     pub name: &'static str,
     /// All of its WGSL, but for a host's receivers if it [asks for them](Self::takes_receiver).
     pub text: &'static str,
-    /// Whether the WGSL of a receiver has to be added: [`receiver::DEFAULT`](crate::receiver::DEFAULT) or the host's own.
+    /// Whether the WGSL of a receiver has to be added: [`DEFAULT_RECEIVER`](crate::DEFAULT_RECEIVER) or the host's own.
     pub takes_receiver: bool,
 }
 
@@ -25,9 +25,20 @@ macro_rules! source {
             takes_receiver: false,
         }
     };
+    ($name:literal, receiver, $($file:literal),+ $(,)?) => {
+        crate::source::Source { takes_receiver: true, ..crate::source::source!($name, $($file),+) }
+    };
 }
 pub(crate) use source;
 
 /// Every module of this crate: what tests validate.
-pub const ALL: &[Source] =
-    &[crate::tree::SURVEY, crate::tree::MORTON, crate::tree::SORT, crate::tree::BITONIC, crate::tree::NODES];
+pub const ALL: &[Source] = &[
+    crate::tree::SURVEY,
+    crate::tree::MORTON,
+    crate::tree::SORT,
+    crate::tree::BITONIC,
+    crate::tree::NODES,
+    crate::draw::DRAW_TREE,
+    crate::draw::DRAW_CUT,
+    crate::draw::DRAW_SHARED,
+];

@@ -177,7 +177,8 @@ impl DeviceTree {
         let params = gpu.buffer("tree parameters", 16, BufferUsages::UNIFORM)?;
         let header = gpu.buffer("tree header", size_of::<TreeHeader>() as u64, BufferUsages::empty())?;
         let parts = gpu.buffer("survey", u64::from(PARTS) * PART_BYTES, BufferUsages::empty())?;
-        let node_bytes = 32 * node_count(capacity);
+        // With the slot of a light that has no inner node of its number, where all are in the tree.
+        let node_bytes = 32 * node_count(capacity) + 32;
         let sort_bytes = 4 * (4 * u64::from(capacity) + u64::from(DIGITS * (blocks + 1)));
         let nodes = gpu.buffer("light tree", node_bytes.max(sort_bytes), BufferUsages::empty())?;
         gpu.write(&params, &[0, capacity, blocks, parts_of(capacity)])?;

@@ -1,0 +1,31 @@
+// What the drawing kernels are asked for: `DrawParams` of src/records.rs; and what they answer.
+
+struct DrawParams {
+    // Receivers in the buffer.
+    receivers: u32,
+    // Entries for each.
+    lights: u32,
+    seed: u32,
+    // Frame or pass.
+    index: u32,
+    // Stream of the first receiver.
+    first_stream: u32,
+    // Most nodes of a cut.
+    nodes: u32,
+    // Lights from each of its nodes.
+    per_node: u32,
+    // Nodes nearer than this share of the radius of all lights count as that far, when a cut is made.
+    distance_floor: f32,
+    // Picture and blocks of pixels that share a cut; side of the sub-blocks that it is interleaved over.
+    width: u32,
+    height: u32,
+    block: u32,
+    interleave: u32,
+}
+
+struct WeightedLight {
+    light: u32,
+    weight: f32,
+}
+
+const NO_LIGHT = WeightedLight(NONE, 0.0);

@@ -48,6 +48,8 @@ pub mod photometry;
 mod planes;
 mod polygon;
 mod profile;
+#[cfg(test)]
+mod properties;
 mod revalidate;
 mod save;
 mod schedule;

@@ -306,15 +306,16 @@ impl Draws {
             label: Some("light samples"),
             timestamp_writes: None,
         });
+        let pass = &mut pass;
         let all = self.capacity.div_ceil(64);
         let kernels = &self.kernels;
         match self.method {
-            Method::Tree { .. } => kernels.tree.dispatch(&mut pass, &self.group, all),
-            Method::Cut(_) => kernels.cut.dispatch(&mut pass, &self.group, all),
+            Method::Tree { .. } => kernels.tree.dispatch(pass, &self.group, all),
+            Method::Cut(_) => kernels.cut.dispatch(pass, &self.group, all),
             Method::SharedCut { width, height, block, .. } => {
                 let blocks = width.div_ceil(block) * height.div_ceil(block);
-                kernels.select.dispatch(&mut pass, &self.group, blocks.div_ceil(64));
-                kernels.shared.dispatch(&mut pass, &self.group, (width * height).div_ceil(64));
+                kernels.select.dispatch(pass, &self.group, blocks.div_ceil(64));
+                kernels.shared.dispatch(pass, &self.group, (width * height).div_ceil(64));
             }
         }
     }

@@ -96,10 +96,25 @@ impl Gpu {
         let errors = scopes.into_iter().rev().map(|scope| pollster::block_on(scope.pop()));
         match errors.fold(None, |first, next| first.or(next)) {
             None => Ok(made),
+            Some(_) if self.is_lost() => Err(GpuError::DeviceLost),
             Some(wgpu::Error::OutOfMemory { .. }) => Err(GpuError::OutOfMemory { what: what() }),
             Some(wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. }) => {
                 Err(GpuError::Refused { what: what(), reason: description })
             }
         }
+    }
+
+    /// Whether nothing can be created on the device any more. wgpu tells only a callback, of which there is one, and that is the host's.
+    fn is_lost(&self) -> bool {
+        let scope = self.device.push_error_scope(ErrorFilter::Validation);
+        let probe = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("probe"),
+            size: 16,
+            usage: wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: true,
+        });
+        // What is made on a lost device is not there, without an error.
+        let lost = probe.get_mapped_range(..).is_err();
+        lost | pollster::block_on(scope.pop()).is_some()
     }
 }

@@ -47,6 +47,13 @@ pub enum GpuError {
         /// The most.
         most: u32,
     },
+    /// A parameter is out of its range.
+    Parameter {
+        /// Its name.
+        name: &'static str,
+        /// Its range, in words.
+        range: &'static str,
+    },
     /// The device refused something: WGSL of the host's that does not fit, or a fault of this crate; with what wgpu says about it.
     Refused {
         /// What was to be created or done.
@@ -76,6 +83,7 @@ impl fmt::Display for GpuError {
             Self::Range { what, count, least, most } => {
                 write!(f, "{count} {what}; ask for {least} to {most}")
             }
+            Self::Parameter { name, range } => write!(f, "`{name}` is out of range; make it {range}"),
             Self::Refused { what, reason } => write!(f, "the device refuses {what}: {reason}"),
         }
     }

@@ -29,12 +29,16 @@ pub(crate) struct Kernel {
 
 /// Compiles a module, with `receiver` after it where there is one.
 pub(crate) fn module(gpu: &Gpu, source: &Source, receiver: Option<&str>) -> Result<ShaderModule, GpuError> {
-    let text = format!("{}\n{}", source.text, receiver.unwrap_or_default());
+    module_of(gpu, source.name, format!("{}\n{}", source.text, receiver.unwrap_or_default()))
+}
+
+/// Compiles a module of this text.
+pub(crate) fn module_of(gpu: &Gpu, name: &str, text: String) -> Result<ShaderModule, GpuError> {
     gpu.create(
-        || format!("the module `{}`", source.name),
+        || format!("the module `{name}`"),
         |device| {
             device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(source.name),
+                label: Some(name),
                 source: wgpu::ShaderSource::Wgsl(text.into()),
             })
         },
@@ -50,20 +54,29 @@ impl Kernel {
         bindings: &[Binding],
         constants: &[(&str, f64)],
     ) -> Result<Self, GpuError> {
-        let entries: Vec<_> = bindings.iter().zip(0..).map(|(kind, binding)| entry(binding, *kind)).collect();
-        gpu.create(
+        Self::with_groups(gpu, module, label, bindings, &[], constants)
+    }
+
+    /// The same with groups of others' from 1 on, which whoever dispatches it has to set.
+    pub(crate) fn with_groups(
+        gpu: &Gpu,
+        module: &ShaderModule,
+        label: &'static str,
+        bindings: &[Binding],
+        others: &[&BindGroupLayout],
+        constants: &[(&str, f64)],
+    ) -> Result<Self, GpuError> {
+        let layout = layout_of(gpu, label, bindings)?;
+        let layouts: Vec<_> = [&layout].into_iter().chain(others.iter().copied()).map(Some).collect();
+        let pipeline = gpu.create(
             || format!("the kernel `{label}`"),
             |device| {
-                let layout = device.create_bind_group_layout(&BindGroupLayoutDescriptor {
-                    label: Some(label),
-                    entries: &entries,
-                });
                 let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                     label: Some(label),
-                    bind_group_layouts: &[Some(&layout)],
+                    bind_group_layouts: &layouts,
                     immediate_size: 0,
                 });
-                let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                     label: Some(label),
                     layout: Some(&pipeline_layout),
                     module,
@@ -74,29 +87,15 @@ impl Kernel {
                         zero_initialize_workgroup_memory: false,
                     },
                     cache: None,
-                });
-                Self { label, layout, pipeline }
+                })
             },
-        )
+        )?;
+        Ok(Self { label, layout, pipeline })
     }
 
     /// Binds these buffers, all of each, in the order of the bindings.
     pub(crate) fn bind(&self, gpu: &Gpu, buffers: &[&Buffer]) -> Result<BindGroup, GpuError> {
-        let entries: Vec<_> = buffers
-            .iter()
-            .zip(0..)
-            .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        gpu.create(
-            || format!("the bindings of `{}`", self.label),
-            |device| {
-                device.create_bind_group(&BindGroupDescriptor {
-                    label: Some(self.label),
-                    layout: &self.layout,
-                    entries: &entries,
-                })
-            },
-        )
+        bind(gpu, self.label, &self.layout, buffers)
     }
 
     /// Records so many workgroups; none at all for 0.
@@ -110,11 +109,54 @@ impl Kernel {
     }
 }
 
+impl Kernel {
+    /// Records a grid of workgroups, for kernels that know their place in a picture.
+    pub(crate) fn dispatch_grid(&self, pass: &mut ComputePass<'_>, group: &BindGroup, [x, y]: [u32; 2]) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, group, &[]);
+        pass.dispatch_workgroups(x, y, 1);
+    }
+}
+
 /// At least so many workgroups in two dimensions, neither above WebGPU's 65535. Kernels number them row by row (`workgroup_index` in
 /// `shaders/lib/grid.wgsl`) and leave alone what is beyond their input.
 pub(crate) fn grid(workgroups: u32) -> [u32; 2] {
     let rows = workgroups.div_ceil(65535);
     [workgroups.div_ceil(rows.max(1)), rows]
+}
+
+/// The layout of a group with these bindings.
+pub(crate) fn layout_of(gpu: &Gpu, label: &str, bindings: &[Binding]) -> Result<BindGroupLayout, GpuError> {
+    let entries: Vec<_> = bindings.iter().zip(0..).map(|(kind, binding)| entry(binding, *kind)).collect();
+    gpu.create(
+        || format!("the layout of `{label}`"),
+        |device| {
+            device.create_bind_group_layout(&BindGroupLayoutDescriptor {
+                label: Some(label),
+                entries: &entries,
+            })
+        },
+    )
+}
+
+/// Binds these buffers, all of each, in the order of the layout's bindings.
+pub(crate) fn bind(
+    gpu: &Gpu,
+    label: &str,
+    layout: &BindGroupLayout,
+    buffers: &[&Buffer],
+) -> Result<BindGroup, GpuError> {
+    let entries: Vec<_> = buffers
+        .iter()
+        .zip(0..)
+        .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .collect();
+    gpu.create(
+        || format!("the bindings of `{label}`"),
+        |device| {
+            device.create_bind_group(&BindGroupDescriptor { label: Some(label), layout, entries: &entries })
+        },
+    )
 }
 
 fn entry(binding: u32, kind: Binding) -> BindGroupLayoutEntry {

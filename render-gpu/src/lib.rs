@@ -15,14 +15,19 @@
 
 pub mod draw;
 mod error;
+pub mod filter;
 mod gpu;
 mod kernel;
+pub mod rays;
 mod receiver;
 pub mod records;
+pub mod shade;
 pub mod source;
+mod stages;
 mod transfer;
 pub mod tree;
 
 pub use error::GpuError;
 pub use gpu::{Gpu, required_limits};
 pub use receiver::{DEFAULT_RECEIVER, ReceiverRecord};
+pub use stages::StageTimes;

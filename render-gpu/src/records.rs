@@ -103,6 +103,8 @@ macro_rules! layout {
     };
 }
 
+pub(crate) use layout;
+
 /// Every record that is shared.
 pub const LAYOUTS: &[Layout] = &[
     layout!(LightRecord, "LightRecord": min, intensity, max, user),

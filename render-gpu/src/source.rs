@@ -21,7 +21,7 @@ macro_rules! source {
     ($name:literal, $($file:literal),+ $(,)?) => {
         crate::source::Source {
             name: $name,
-            text: concat!($(include_str!(concat!("../shaders/", $file)), "\n"),+),
+            text: concat!($(include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $file)), "\n"),+),
             takes_receiver: false,
         }
     };
@@ -41,4 +41,20 @@ pub const ALL: &[Source] = &[
     crate::draw::DRAW_TREE,
     crate::draw::DRAW_CUT,
     crate::draw::DRAW_SHARED,
+    crate::rays::CLOSEST,
+    crate::rays::OCCLUDED,
+    crate::shade::SHADE,
+    crate::filter::SOURCES[0],
+    crate::filter::SOURCES[1],
+    crate::filter::SOURCES[2],
+    crate::filter::SOURCES[3],
+    crate::filter::SOURCES[4],
+    crate::filter::SOURCES[5],
+    crate::filter::SOURCES[6],
+    crate::filter::SOURCES[7],
+    crate::filter::SOURCES[8],
+    crate::filter::SOURCES[9],
+    crate::filter::SOURCES[10],
+    crate::filter::SOURCES[11],
+    crate::filter::SOURCES[12],
 ];

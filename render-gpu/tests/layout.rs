@@ -64,7 +64,12 @@ fn difference(record: &records::Layout, modules: &[(&str, naga::Module)]) -> Opt
 #[test]
 fn records_are_the_same_bytes_on_both_sides() {
     let modules = parsed();
-    for record in records::LAYOUTS {
+    for record in records::LAYOUTS
+        .iter()
+        .chain(render_gpu::rays::records::LAYOUTS)
+        .chain(render_gpu::filter::LAYOUTS)
+        .chain(render_gpu::shade::LAYOUTS)
+    {
         let wrong = difference(record, &modules);
         assert_eq!(wrong, Some(vec![]), "{} has to be in some module, as it is here", record.name);
     }

@@ -2,6 +2,8 @@
 
 #![allow(dead_code, unreachable_pub, reason = "each test program uses a part")]
 
+pub mod scenes;
+
 use std::sync::LazyLock;
 
 use render_gpu::{Gpu, GpuError};

@@ -54,7 +54,7 @@ fn irradiance_is_what_it_should_be() {
     let floor = [Mesh::default().quad(Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0)];
     let mut map = lightmap(&floor, &params(4.0));
     let light = point(Vec3::new(2.0, 1.5, 2.0), 4.0 * core::f32::consts::PI, 1);
-    map.apply(add(&light, 0)).unwrap();
+    map.apply(&add(&light, 0)).unwrap();
     let image = map.image(0, &ImageParams::default());
     let brightest = image.values.iter().copied().fold(0.0, f32::max);
     let nearest = 1.5 / (1.5f32.powi(2) + 2.0 * 0.125f32.powi(2)).powf(1.5);
@@ -73,14 +73,14 @@ fn undo_is_exact_for_any_order_and_threads() {
             let mut random = Random::new(3, 0, 0);
             let mut map = lightmap(&meshes, &params(1.0));
             let lasting = point(Vec3::new(0.5, 2.5, 3.0), 10.0, 5);
-            map.apply(add(&lasting, 0)).unwrap();
+            map.apply(&add(&lasting, 0)).unwrap();
             let before = sums(&map);
             assert!(before.iter().any(|&sum| sum > 0));
             let lights: Vec<_> = (0..600).map(|_| disk(&mut random)).collect();
             // Some by some, as updates have them.
             for part in lights.chunks(7) {
                 let add = part.iter().map(|light| contribution(light, 0)).collect();
-                map.apply(Update { add, subtract: Vec::new() }).unwrap();
+                map.apply(&Update { add, subtract: Vec::new() }).unwrap();
             }
             ends.push(sums(&map));
             assert_ne!(ends[ends.len() - 1], before);
@@ -88,7 +88,7 @@ fn undo_is_exact_for_any_order_and_threads() {
             order.sort_by_key(|&i| lights[i].seed);
             for part in order.chunks(11) {
                 let subtract = part.iter().map(|&i| contribution(&lights[i], 0)).collect();
-                map.apply(Update { subtract, add: Vec::new() }).unwrap();
+                map.apply(&Update { subtract, add: Vec::new() }).unwrap();
             }
             assert_eq!(sums(&map), before);
             assert_eq!(map.live(), 1);
@@ -103,7 +103,7 @@ fn moving_away_and_back_is_exact() {
     let meshes = room();
     let mut map = lightmap(&meshes, &params(2.0));
     let light = point(Vec3::new(0.5, 2.5, 0.4), 50.0, 1);
-    map.apply(add(&light, 0)).unwrap();
+    map.apply(&add(&light, 0)).unwrap();
     let before = sums(&map);
     let stands = |x: f32| vec![Some(Affine3A::IDENTITY), Some(Affine3A::from_translation(Vec3::X * x))];
     for (version, x) in [(1, 1.5), (2, 0.0)] {
@@ -113,17 +113,17 @@ fn moving_away_and_back_is_exact() {
             add: vec![contribution(&light, version)],
         };
         assert_eq!(map.versions().count(), 2, "both are needed for the update");
-        map.apply(update).unwrap();
+        map.apply(&update).unwrap();
         assert_eq!(map.versions().collect::<Vec<_>>(), [GeometryVersion(version)]);
         assert_eq!(sums(&map) == before, version == 2);
     }
     // Absent: no light falls on it, and none is stopped.
     let gone = vec![Some(Affine3A::IDENTITY), None];
     map.set_geometry(GeometryVersion(3), Soup::new(&meshes, &gone), &gone).unwrap();
-    map.apply(Update { subtract: vec![contribution(&light, 2)], add: vec![contribution(&light, 3)] })
+    map.apply(&Update { subtract: vec![contribution(&light, 2)], add: vec![contribution(&light, 3)] })
         .unwrap();
     assert_ne!(sums(&map), before);
-    map.apply(subtract(&light, 3)).unwrap();
+    map.apply(&subtract(&light, 3)).unwrap();
     assert!(map.sums().all(|sum| sum == 0));
 }
 
@@ -161,7 +161,7 @@ fn a_closed_box_under_a_bright_sky_is_black_inside() {
     ];
     let mut map = lightmap(&meshes, &LightmapParams { samples: 2, ..params(12.0) });
     for seed in 0..24 {
-        map.apply(add(&sky(1e6, seed), 0)).unwrap();
+        map.apply(&add(&sky(1e6, seed), 0)).unwrap();
     }
     let image = map.image(0, &ImageParams { dilate: 0, stitch: false });
     let light_of = |object: usize| {
@@ -183,7 +183,7 @@ fn a_thin_wall_does_not_leak() {
     ];
     let mut map = lightmap(&meshes, &LightmapParams { samples: 4, ..params(6.0) });
     for seed in 0..4 {
-        map.apply(add(&point(Vec3::new(1.9, 1.0, 0.5 * seed as f32 + 0.2), 1e6, seed), 0)).unwrap();
+        map.apply(&add(&point(Vec3::new(1.9, 1.0, 0.5 * seed as f32 + 0.2), 1e6, seed), 0)).unwrap();
     }
     let image = map.image(0, &ImageParams::default());
     let (min, max) = map.layout().objects[1].as_ref().unwrap().pixels();
@@ -214,12 +214,12 @@ fn texels_are_pushed_out_of_what_stands_on_them() {
         texels.filter(|&(x, y)| image.values[(y * image.width + x) as usize * 3] > 0.99).count()
     };
     let mut map = lightmap(&[floor.clone(), block], &params(2.0));
-    map.apply(add(&sun, 0)).unwrap();
+    map.apply(&add(&sun, 0)).unwrap();
     let receivers = map.receivers();
     // The crate holds 3.6 × 3.6 texels, and 1.6 × 1.6 that are more than one from its sides.
     assert!(receivers.pushed >= 6 && (1..=9).contains(&receivers.dead), "{receivers:?}");
     let mut empty = lightmap(&[floor], &params(2.0));
-    empty.apply(add(&sun, 0)).unwrap();
+    empty.apply(&add(&sun, 0)).unwrap();
     assert_eq!(lit(&map) as u64 + receivers.dead, lit(&empty) as u64);
 }
 
@@ -253,10 +253,10 @@ fn the_seam_of_a_cylinder_is_not_to_be_seen() {
     let lamp = lamp.unwrap().flipped();
     for (seed, polygon) in [lamp, lamp.flipped()].into_iter().enumerate() {
         let shape = Shape::Polygon(polygon);
-        map.apply(add(&VirtualLight { shape, flux: Vec3::splat(100.0), seed: seed as u32 }, 0)).unwrap();
+        map.apply(&add(&VirtualLight { shape, flux: Vec3::splat(100.0), seed: seed as u32 }, 0)).unwrap();
     }
     for seed in 2..40 {
-        map.apply(add(&sky(1.0, seed), 0)).unwrap();
+        map.apply(&add(&sky(1.0, seed), 0)).unwrap();
     }
     let rough = map.image(0, &ImageParams { stitch: false, ..ImageParams::default() });
     let image = map.image(0, &ImageParams::default());
@@ -277,8 +277,8 @@ fn directional_maps_agree_with_irradiance() {
     let light = point(Vec3::new(0.5, 50.0, 0.5), 1e5, 1);
     let mut plain = lightmap(&floor(), &params(8.0));
     let mut directional = lightmap(&floor(), &LightmapParams { directional: true, ..params(8.0) });
-    plain.apply(add(&light, 0)).unwrap();
-    directional.apply(add(&light, 0)).unwrap();
+    plain.apply(&add(&light, 0)).unwrap();
+    directional.apply(&add(&light, 0)).unwrap();
     let (a, b) = (plain.published(), directional.published());
     for (irradiance, coefficients) in a.values.chunks_exact(3).zip(b.values.as_chunks::<12>().0) {
         let up = directional_irradiance(coefficients, Vec3::Y);
@@ -307,7 +307,7 @@ fn mistakes_are_named() {
     let mut map = lightmap(&meshes, &params(1.0));
     let light = point(Vec3::ONE, 1.0, 1);
     let version = GeometryVersion(7);
-    assert_eq!(map.apply(add(&light, 7)), Err(LightmapError::Version { version }));
+    assert_eq!(map.apply(&add(&light, 7)), Err(LightmapError::Version { version }));
     let stands = vec![Some(Affine3A::IDENTITY); 2];
     let soup = || Soup::new(&meshes, &stands);
     assert!(matches!(map.set_geometry(version, soup(), &stands[..1]), Err(LightmapError::Objects { .. })));

@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use exr::prelude::{read_first_rgba_layer_from_file, write_rgb_file};
+use exr::prelude::{f16, read_first_rgba_layer_from_file, write_rgb_file};
 use glam::Vec3;
 
 use crate::Film;
@@ -72,6 +72,24 @@ pub fn write_exr(film: &Film, path: &Path) -> Result<(), ImageError> {
     whole(path, |temporary| {
         write_rgb_file(temporary, film.width as usize, film.height as usize, color).map_err(|e| e.to_string())
     })
+}
+
+/// Writes 16-bit linear RGB, half the size. What is larger than that format holds, 65504, becomes 65504; returns how many values did.
+///
+/// # Errors
+/// [`ImageError::Write`]; there is no file then, or the one that was there before.
+pub fn write_exr_half(film: &Film, path: &Path) -> Result<u64, ImageError> {
+    let largest = f16::MAX.to_f32();
+    let half = |value: f32| f16::from_f32(value.clamp(-largest, largest));
+    let color = |x: usize, y: usize| {
+        let pixel = film.pixels[y * film.width as usize + x];
+        (half(pixel.x), half(pixel.y), half(pixel.z))
+    };
+    whole(path, |temporary| {
+        write_rgb_file(temporary, film.width as usize, film.height as usize, color).map_err(|e| e.to_string())
+    })?;
+    let saturated = film.pixels.iter().flat_map(|p| p.to_array()).filter(|v| v.abs() > largest);
+    Ok(saturated.count() as u64)
 }
 
 /// Writes 8-bit sRGB of the picture times 2^`stops`, see [`auto_exposure`]; what is brighter than white is white.
@@ -172,6 +190,16 @@ mod tests {
         assert_eq!(read_exr(&path, Some((4, 3))).unwrap(), film());
         let names: Vec<_> = fs::read_dir(path.parent().unwrap()).unwrap().collect();
         assert_eq!(names.len(), 1, "no temporary file is left");
+        fs::remove_dir_all(path.parent().unwrap()).unwrap();
+    }
+
+    /// What half floats cannot hold is cut off and counted; it never becomes infinite.
+    #[test]
+    fn halves_saturate() {
+        let path = folder("half").join("picture.exr");
+        assert_eq!(write_exr_half(&film(), &path).unwrap(), 12);
+        let read = read_exr(&path, Some((4, 3))).unwrap();
+        assert_eq!((read.pixels[3].x, read.pixels[3].z), (3.0, 65504.0));
         fs::remove_dir_all(path.parent().unwrap()).unwrap();
     }
 

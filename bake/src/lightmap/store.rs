@@ -397,8 +397,8 @@ impl<R: LightmapRays> Lightmap<R> {
     ///
     /// # Errors
     /// As [`begin`](Self::begin).
-    pub fn apply(&mut self, update: Update) -> Result<(), LightmapError> {
-        self.begin(update)?;
+    pub fn apply(&mut self, update: &Update) -> Result<(), LightmapError> {
+        self.begin(update.clone())?;
         self.work(|| true);
         Ok(())
     }

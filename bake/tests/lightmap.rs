@@ -315,5 +315,22 @@ fn mistakes_are_named() {
         map.set_geometry(GeometryVersion(0), soup(), &stands),
         Err(LightmapError::Again { .. })
     ));
-    assert!(map.load_sums(&[1, 2, 3]).is_err());
+    assert!(map.resume(&[1, 2, 3], []).is_err());
+    let sums = sums(&map);
+    assert_eq!(map.resume(&sums, [&contribution(&light, 7)]), Err(LightmapError::Version { version }));
+}
+
+/// Saved sums go on where they were: what is in them can be taken away again.
+#[test]
+fn saved_sums_are_taken_up_again() {
+    let meshes = room();
+    let light = point(Vec3::new(0.5, 2.5, 0.4), 50.0, 1);
+    let mut map = lightmap(&meshes, &params(2.0));
+    map.apply(&add(&light, 0)).unwrap();
+    let saved = sums(&map);
+    let mut again = lightmap(&meshes, &params(2.0));
+    again.resume(&saved, [&contribution(&light, 0)]).unwrap();
+    assert_eq!((again.published().values.clone(), again.live()), (map.published().values.clone(), 1));
+    again.apply(&subtract(&light, 0)).unwrap();
+    assert!(again.sums().all(|sum| sum == 0));
 }

@@ -15,6 +15,8 @@ use crate::{AlphaMode, Material, Scene, Texture, TextureSlot, Wrap};
 pub struct LightmappedMesh<'a> {
     /// Index into [`Scene::meshes`].
     pub mesh: u32,
+    /// Index into [`Scene::materials`]: that of the scene's mesh, or another.
+    pub material: u32,
     /// For each vertex, the scene's vertex that it is.
     pub vertices: &'a [u32],
     /// For each vertex, `TEXCOORD_1`.
@@ -201,7 +203,7 @@ impl Writer {
             "SCALAR",
             3 * own.triangles.len(),
         );
-        json!({ "primitives": [{ "attributes": attributes, "indices": indices, "material": mesh.material }] })
+        json!({ "primitives": [{ "attributes": attributes, "indices": indices, "material": own.material }] })
     }
 
     fn texture(&mut self, texture: &Texture) -> Result<Value, String> {
@@ -308,6 +310,7 @@ mod tests {
         let meshes: Vec<_> = (0..scene.meshes.len())
             .map(|i| LightmappedMesh {
                 mesh: i as u32,
+                material: scene.meshes[i].material,
                 vertices: &vertices[i],
                 uvs: &uvs[i],
                 triangles: &scene.meshes[i].triangles,

@@ -247,7 +247,7 @@ impl<R: LightmapRays> Lightmap<R> {
     /// Takes a new state of the geometry, under which light is added from now on: rays, and where objects stand (`None`: absent). Receivers are made
     /// anew for objects that moved and for what the boxes of these touch, before or after; all others are shared with the last version.
     ///
-    /// A version is let go of once nothing in the map was lit under it and another one is current.
+    /// A version is let go of at the end of an update once nothing in the map was lit under it and another one is current.
     ///
     /// # Errors
     /// A wrong number of objects, a version that is there already, an update under way.
@@ -307,7 +307,6 @@ impl<R: LightmapRays> Lightmap<R> {
         let objects = objects.to_vec();
         self.versions.insert(version, Version { rays, objects, chunks, far, live: 0, report });
         self.current = Some(version);
-        self.let_go();
         Ok(())
     }
 
@@ -400,16 +399,6 @@ impl<R: LightmapRays> Lightmap<R> {
     pub fn apply(&mut self, update: &Update) -> Result<(), LightmapError> {
         self.begin(update.clone())?;
         self.work(|| true);
-        Ok(())
-    }
-
-    /// Takes note of an update whose light is in the sums already, because these were [loaded](Self::load_sums).
-    ///
-    /// # Errors
-    /// As [`begin`](Self::begin).
-    pub fn replay(&mut self, update: &Update) -> Result<(), LightmapError> {
-        self.check(update)?;
-        self.note(update);
         Ok(())
     }
 
@@ -570,16 +559,26 @@ impl<R> Lightmap<R> {
         self.sums.iter().flat_map(|chunk| chunk.iter().copied())
     }
 
-    /// Puts saved [`sums`](Self::sums) in place of those that are there. Afterwards [`replay`](Self::replay) the updates that they hold.
+    /// Puts saved [`sums`](Self::sums) in place of those that are there, which consist of `contributions`. Their versions are given with
+    /// [`set_geometry`](Self::set_geometry) before, the current one last.
     ///
     /// # Errors
-    /// An update under way, or a wrong number of sums.
-    pub fn load_sums(&mut self, sums: &[i64]) -> Result<(), LightmapError> {
+    /// An update under way, a wrong number of sums, a contribution under a version that isn't held.
+    pub fn resume<'a>(
+        &mut self,
+        sums: &[i64],
+        contributions: impl IntoIterator<Item = &'a Contribution>,
+    ) -> Result<(), LightmapError> {
         if self.job.is_some() {
             return Err(LightmapError::Busy);
         }
         if sums.len() != self.sums.iter().map(|chunk| chunk.len()).sum::<usize>() {
             return Err(LightmapError::Saved { why: "it has another number of texels" });
+        }
+        self.versions.values_mut().for_each(|state| state.live = 0);
+        for Contribution { version, .. } in contributions {
+            let state = self.versions.get_mut(version).ok_or(LightmapError::Version { version: *version })?;
+            state.live += 1;
         }
         let mut rest = sums;
         for chunk in &mut self.sums {

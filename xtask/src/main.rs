@@ -1,5 +1,6 @@
 //! The one program of the workspace: `cargo xtask`.
 
+mod bake;
 mod bench;
 mod cargo;
 mod check;
@@ -43,6 +44,8 @@ enum Subject {
     Compare(Box<compare::CompareArgs>),
     /// Say what a scene holds, and how light trees over it turn out
     Inspect(inspect::InspectArgs),
+    /// Bake a scene's light into lightmaps, and let them follow edits: maps, the scene with coordinates to look them up, and a saved bake
+    Bake(Box<bake::BakeArgs>),
     /// Measure how fast the crates are: criterion benchmarks, with curves under target/criterion
     Bench(bench::BenchArgs),
     /// Measure what each method gives for its time, dial by dial: curves of error against time, a page, pictures and data
@@ -77,6 +80,7 @@ fn run(command: &Subject) -> Result<(), Failure> {
         Subject::Render(args) => render::render(args),
         Subject::Compare(args) => compare::compare(args),
         Subject::Inspect(args) => inspect::inspect(args),
+        Subject::Bake(args) => bake::bake(args),
         Subject::Bench(args) => bench::bench(args),
         Subject::Report(args) => curves::report(args),
         Subject::Test(args) => test::test(args),

@@ -274,6 +274,8 @@ impl Edit {
                 let index = *object as usize;
                 let stood = world.stood[index];
                 let to = match *to {
+                    // Not by way of its middle: there and back is to be exactly where it was.
+                    Place::Moved { by, turn: 0.0 } => Some(Affine3A::from_translation(by) * stood),
                     Place::Moved { by, turn } => {
                         let at = world.box_of(*object, stood);
                         let middle = 0.5 * at.min + 0.5 * at.max;

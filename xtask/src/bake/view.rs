@@ -1,0 +1,56 @@
+//! A camera's picture of the scene with its light looked up in the lightmap: what an engine would show.
+
+use bake::lightmap::{Image, Layout, directional_irradiance};
+use glam::{Vec2, Vec3};
+use lighttree::RayQueries;
+use rayon::prelude::*;
+use scene::{Camera, Film, RayScratch, camera_ray};
+
+use super::world::{Geometry, World};
+
+/// Pixels of `spp` samples each. Surfaces reflect irradiance ÷ π × albedo, emitters shine.
+pub(crate) fn view(
+    world: &World,
+    geometry: &Geometry,
+    layout: &Layout,
+    pages: &[Image],
+    camera: &Camera,
+    size: (u32, u32),
+    spp: u32,
+) -> Film {
+    let standing = &*geometry.0;
+    let (scene, tree) = (&standing.scene, &standing.rays);
+    let radiance = |pixel: u32, sample: u32, scratch: &mut RayScratch| -> Vec3 {
+        let (ray, _) = camera_ray(camera, 1, size, pixel, sample);
+        let Some(hit) = tree.closest(&ray, scratch) else { return Vec3::ZERO };
+        let surface = tree.surface(scene, &ray, &hit);
+        let material = &scene.materials[surface.material as usize];
+        let look = material.look(scene, [surface.uv, surface.uv1]);
+        let emission = material.emission(&look, surface.front);
+        let object = standing.standing[surface.instance as usize];
+        let Some(placement) = &layout.objects[object as usize] else { return emission };
+        // The back of what is lit from one side alone has no light.
+        if !surface.front && !material.double_sided {
+            return emission;
+        }
+        let mesh = &layout.meshes[placement.charted as usize];
+        let [a, b, c] = mesh.triangles[surface.triangle as usize].map(|v| mesh.uvs[v as usize]);
+        let uv = a + hit.u * (b - a) + hit.v * (c - a);
+        let page = &pages[placement.page as usize];
+        let irradiance = irradiance(page, placement.texel(uv), surface.shading_normal);
+        emission + world.albedo(object, look.base_color) * irradiance * core::f32::consts::FRAC_1_PI
+    };
+    let mut film = Film::new(size.0, size.1);
+    film.pixels.par_iter_mut().enumerate().for_each_init(RayScratch::default, |scratch, (pixel, value)| {
+        let sum: Vec3 = (0..spp).map(|sample| radiance(pixel as u32, sample, scratch)).sum();
+        *value = sum / spp as f32;
+    });
+    film
+}
+
+fn irradiance(page: &Image, at: Vec2, normal: Vec3) -> Vec3 {
+    if page.channels == 3 {
+        return Vec3::from_array([0, 1, 2].map(|channel| page.lookup(at, channel)));
+    }
+    directional_irradiance(&core::array::from_fn(|channel| page.lookup(at, channel)), normal)
+}

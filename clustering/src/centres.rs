@@ -2,7 +2,9 @@
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
-use crate::{Metric, OrientedPoint, parallel};
+use lighttree::parallel;
+
+use crate::{Metric, OrientedPoint};
 
 /// Two sides of one inequality, each rounded a few times.
 const SLACK: f32 = 1.0 + 1e-5;

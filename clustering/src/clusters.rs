@@ -1,7 +1,9 @@
 //! What clustering gives: a partition, its centres, and who speaks for each part.
 
 use crate::centres::Fit;
-use crate::{Metric, OrientedPoint, parallel};
+use lighttree::parallel;
+
+use crate::{Metric, OrientedPoint};
 
 /// One round of k-means.
 #[derive(Clone, Copy, Debug, PartialEq)]

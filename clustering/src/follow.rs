@@ -4,11 +4,11 @@
 //! the others are clustered anew. Differs from the paper, which leaves the numbers open: the total stays exactly the count that is asked for, new
 //! clusters get at least the share of the points that nobody claims, and the smallest old ones make room.
 
+use lighttree::parallel;
+
 use crate::centres::{Centres, Fit};
 use crate::kmeans::refine;
-use crate::{
-    ClusterError, ClusterParams, Clusters, Metric, OrientedPoint, Seeding, cluster, metric, parallel,
-};
+use crate::{ClusterError, ClusterParams, Clusters, Metric, OrientedPoint, Seeding, cluster, metric};
 
 /// A point that no old cluster claims.
 const NOBODY: u32 = u32::MAX;

@@ -3,10 +3,11 @@
 use std::collections::BinaryHeap;
 
 use glam::DVec3;
+use lighttree::parallel;
 
 use crate::centres::{Centres, Fit, assign};
 use crate::clusters::group;
-use crate::{ClusterError, Clusters, Metric, OrientedPoint, Round, Seeding, metric, parallel};
+use crate::{ClusterError, Clusters, Metric, OrientedPoint, Round, Seeding, metric};
 
 /// How many clusters, and how long to look for them. Any values may be set.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -48,7 +48,6 @@ mod error;
 mod follow;
 mod kmeans;
 mod metric;
-mod parallel;
 mod seeding;
 
 pub use angular::{AngularClusters, angular_clusters};

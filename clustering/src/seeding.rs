@@ -6,9 +6,10 @@
 use core::ops::Range;
 
 use glam::{DVec3, Vec3};
+use lighttree::parallel;
 use lighttree::rng::Random;
 
-use crate::{ClusterError, Metric, OrientedPoint, budget, parallel};
+use crate::{ClusterError, Metric, OrientedPoint, budget};
 
 /// What tells which points are neighbours before there are clusters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,7 +53,7 @@ impl Seeding<'_> {
             }
             Self::Octree => (keyed(points.len(), octree_keys(points)), 3, 21),
         };
-        sort(&mut order);
+        parallel::sort(&mut order);
         let tree = RangeTree { points, metric, order: &order, bits, seed };
         let mut seeds = Vec::with_capacity(count as usize);
         tree.plant(0..order.len(), levels, count, &mut seeds);
@@ -65,13 +66,6 @@ fn keyed(count: usize, key: impl Fn(usize) -> u64 + Sync + Send) -> Vec<(u64, u3
     let mut order = vec![(0, 0); count];
     parallel::for_each(&mut order, || (), |(), i, entry| *entry = (key(i), i as u32));
     order
-}
-
-fn sort(order: &mut [(u64, u32)]) {
-    #[cfg(feature = "parallel")]
-    rayon::slice::ParallelSliceMut::par_sort_unstable(order);
-    #[cfg(not(feature = "parallel"))]
-    order.sort_unstable();
 }
 
 /// Cells of 2⁻²¹ of the points' longest extent, along a Morton curve.

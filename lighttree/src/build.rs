@@ -4,7 +4,6 @@ mod cluster;
 pub(crate) mod emit;
 mod median;
 pub(crate) mod morton;
-pub(crate) mod parallel;
 pub(crate) mod radix;
 mod saoh;
 pub(crate) mod survey;

@@ -40,6 +40,7 @@ pub mod exhaustive;
 mod hierarchy;
 mod node;
 pub mod oracle;
+pub mod parallel;
 mod perfect;
 mod rays;
 mod receiver;

@@ -14,10 +14,10 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use bytemuck::{must_cast, must_cast_ref};
 use glam::Vec4;
 
-use crate::build::{
-    BuildError, MortonBits, emit::ceil_log2, morton, parallel, radix::Keyed, survey, survey::Survey,
+use crate::build::{BuildError, MortonBits, emit::ceil_log2, morton, radix::Keyed, survey, survey::Survey};
+use crate::{
+    Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, NodeId, PerfectNode, parallel,
 };
-use crate::{Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, NodeId, PerfectNode};
 
 /// A perfect binary tree over lights in Morton order. Built in linear time; its nodes know no directions.
 ///

@@ -10,9 +10,9 @@
 //! Both are valid cuts by construction: nodes are only ever replaced by their children.
 
 use glam::Vec3;
-use lighttree::{Cut, CutPolicy, CutSelector, Hierarchy, ItemRanges, NodeId};
+use lighttree::{Cut, CutPolicy, CutSelector, Hierarchy, ItemRanges, NodeId, parallel};
 
-use crate::{DensityParams, PhotonMap, PhotonScratch, parallel};
+use crate::{DensityParams, PhotonMap, PhotonScratch};
 
 /// When a node of the published refinement is split.
 #[derive(Clone, Copy, Debug, PartialEq)]

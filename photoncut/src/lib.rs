@@ -52,7 +52,6 @@ mod error;
 mod gather;
 mod lookup;
 mod nearest;
-mod parallel;
 mod photon;
 mod points;
 mod samples;

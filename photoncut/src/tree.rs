@@ -3,11 +3,11 @@
 use core::ops::Range;
 
 use glam::Vec3;
-use lighttree::{Hierarchy, ItemRanges, NodeId};
+use lighttree::{Hierarchy, ItemRanges, NodeId, parallel};
 
 use crate::photon::{Packed, pack_unit, unpack_unit};
 use crate::points::{self, Located, SpatialNode};
-use crate::{Photon, PhotonError, parallel};
+use crate::{Photon, PhotonError};
 
 /// Most photons in a leaf.
 pub(crate) const MAX_LEAF: usize = 8;
@@ -43,16 +43,17 @@ impl PhotonMap {
             return Err(PhotonError::TooMany { count: photons.len() });
         }
         const PART: usize = 1 << 16;
-        let parts = photons.chunks(PART).enumerate().collect();
-        let packed = parallel::map(parts, |(part, photons): (usize, &[Photon])| {
-            let first = part * PART;
-            let pack = |(i, photon)| Packed::new(photon, first + i);
-            photons.iter().enumerate().map(pack).collect::<Result<Vec<_>, _>>()
-        });
-        let mut all = Vec::with_capacity(photons.len());
-        for part in packed {
-            all.append(&mut part?);
-        }
+        let mut all = vec![Packed::default(); photons.len()];
+        let parts = all.chunks_mut(PART).zip(photons.chunks(PART)).enumerate().collect();
+        let packed =
+            parallel::map(parts, |(part, (packed, photons)): (usize, (&mut [Packed], &[Photon]))| {
+                let mut pairs = (part * PART..).zip(packed.iter_mut().zip(photons));
+                pairs.try_for_each(|(index, (packed, photon))| {
+                    *packed = Packed::new(photon, index)?;
+                    Ok(())
+                })
+            });
+        packed.into_iter().collect::<Result<(), PhotonError>>()?;
         let nodes = points::build(&mut all, MAX_LEAF);
         let (light, total) = node_light(&all, &nodes);
         Ok(Self { photons: all, nodes, light, total })

@@ -21,10 +21,10 @@ use glam::{Vec3, Vec3A};
 use super::{
     emit::Splitter,
     median::Place,
-    parallel, radix, saoh, survey,
+    radix, saoh, survey,
     survey::{Survey, half_center},
 };
-use crate::{Emitter, LightBounds, LightId};
+use crate::{Emitter, LightBounds, LightId, parallel};
 
 /// No cluster.
 const NONE: u32 = u32::MAX;

@@ -6,7 +6,8 @@
 
 use glam::Vec3;
 
-use super::{parallel, survey::Survey, survey::in_units};
+use super::{survey::Survey, survey::in_units};
+use crate::parallel;
 use crate::{Emitter, LightBounds, LightId, LightNode, LightTree, NodeId};
 
 /// Deepest leaf of any built tree: from here on halves are taken, so that walks and stacks stay bounded.

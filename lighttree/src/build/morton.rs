@@ -7,10 +7,9 @@
 use glam::Vec3;
 
 use super::{
-    MortonBits, emit::Item, emit::Splitter, parallel, radix, radix::Keyed, survey, survey::Survey,
-    survey::half_center,
+    MortonBits, emit::Item, emit::Splitter, radix, radix::Keyed, survey, survey::Survey, survey::half_center,
 };
-use crate::{Emitter, LightId};
+use crate::{Emitter, LightId, parallel};
 
 /// Splits what is in Morton order already, where a perfect tree of the next power of two would.
 pub(crate) struct Balanced;

@@ -6,8 +6,8 @@
 //! The parallel scatter needs no `unsafe`: the output is cut into one piece per (digit, chunk of the input), and
 //! every chunk owns its pieces.
 
-use super::parallel;
 use crate::LightId;
+use crate::parallel;
 
 const DIGIT_BITS: u32 = 10;
 const DIGITS: usize = 1 << DIGIT_BITS;

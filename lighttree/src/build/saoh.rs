@@ -12,7 +12,8 @@
 
 use glam::{Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
 
-use super::{emit::Item, emit::Splitter, median, parallel, survey};
+use super::{emit::Item, emit::Splitter, median, survey};
+use crate::parallel;
 use crate::{Emitter, LightBounds, LightId};
 
 /// Largest number of bins along an axis.

@@ -4,7 +4,8 @@ use core::ops::Range;
 
 use glam::{Vec3, Vec3A};
 
-use super::{BuildError, parallel};
+use super::BuildError;
+use crate::parallel;
 use crate::{Emitter, LightBounds};
 
 /// What a builder has to know of all lights before it starts. Every field is a minimum, a maximum or a count, so the

@@ -17,6 +17,9 @@ pub struct Errors {
     pub relmse: f64,
     /// Mean over pixels and channels of `|t - r| / (|r| + 0.01 · m)`, m as there.
     pub mape: f64,
+    /// Mean of the picture over pixels and channels ÷ m, less 1: light that is too much, or missing where it is below 0. Infinite where a reference that is
+    /// black everywhere is missed.
+    pub bias: f64,
     /// Structural similarity of the tone-mapped pictures (Wang et al. 2004, by luma), in [-1, 1]. `None` for a few pixels only,
     /// or pictures smaller than its window.
     pub ssim: Option<f64>,
@@ -91,6 +94,7 @@ pub fn compare(image: &Film, reference: &Film, mask: Option<&[bool]>) -> Result<
         mse: sum_of(&|t, r| (t - r).powi(2)),
         relmse: sum_of(&|t, r| share((t - r).powi(2), r * r + 0.01 * mean * mean)),
         mape: sum_of(&|t, r| share((t - r).abs(), r.abs() + 0.01 * mean.abs())),
+        bias: share(sum_of(&|t, r| t - r), mean),
         ssim,
         flip,
     })
@@ -138,7 +142,10 @@ mod tests {
     #[test]
     fn the_same_is_the_same() {
         let errors = compare(&ramp(), &ramp(), None).unwrap();
-        assert_eq!(errors, Errors { mse: 0.0, relmse: 0.0, mape: 0.0, ssim: Some(1.0), flip: Some(0.0) });
+        assert_eq!(
+            errors,
+            Errors { mse: 0.0, relmse: 0.0, mape: 0.0, bias: 0.0, ssim: Some(1.0), flip: Some(0.0) }
+        );
         let black = compare(&Film::new(16, 16), &Film::new(16, 16), None).unwrap();
         assert_eq!((black.relmse, black.mape), (0.0, 0.0));
     }
@@ -151,6 +158,7 @@ mod tests {
         assert!((errors.mse - 0.125).abs() < 1e-12);
         assert!((errors.relmse - 0.5 * 0.25 / (1.0 + 0.01 * 4.0)).abs() < 1e-12);
         assert!((errors.mape - 0.5 * 0.5 / (1.0 + 0.01 * 2.0)).abs() < 1e-12);
+        assert!((errors.bias - 0.125).abs() < 1e-12);
         assert_eq!(errors.ssim, None);
         // Only the wrong pixel, only the right one: the mean is over those alone, too.
         let wrong = compare(&image, &reference, Some(&[true, false])).unwrap();

@@ -236,7 +236,7 @@ fn table(rows: &[Row]) -> String {
     );
     let optional = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.4}"));
     for row in rows {
-        let Errors { mse, relmse, mape, ssim, flip } = row.errors;
+        let Errors { mse, relmse, mape, ssim, flip, .. } = row.errors;
         text += &format!(
             "{:<10} {:>6} {:>9.3} {:>9.3} {:>13} {relmse:>11.3e} {mse:>11.3e} {mape:>8.4} {:>8} {:>8}\n",
             row.method.about().name,
@@ -286,14 +286,14 @@ fn data(
 
 fn csv(rows: &[Row]) -> String {
     let mut text = String::from(
-        "method,spp,build_seconds,render_seconds,shadow_rays,light_evaluations,node_visits,mse,relmse,mape,ssim,flip\n",
+        "method,spp,build_seconds,render_seconds,shadow_rays,light_evaluations,node_visits,mse,relmse,mape,bias,ssim,flip\n",
     );
     let optional = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
     for row in rows {
-        let Errors { mse, relmse, mape, ssim, flip } = row.errors;
+        let Errors { mse, relmse, mape, bias, ssim, flip } = row.errors;
         let Counts { shadow_rays, light_evaluations, node_visits, .. } = row.counts;
         text += &format!(
-            "{},{},{},{},{shadow_rays},{light_evaluations},{node_visits},{mse},{relmse},{mape},{},{}\n",
+            "{},{},{},{},{shadow_rays},{light_evaluations},{node_visits},{mse},{relmse},{mape},{bias},{},{}\n",
             row.method.about().name,
             row.spp,
             row.build_seconds,

@@ -99,10 +99,16 @@ impl Report<'_> {
         }
         text += "\n";
         if counts.clamped > 0 {
+            let lost = counts.clamped_luminance / samples;
+            let (what, fate) = if lost < 0.0 {
+                ("were negative and are cut off", "are gained by that")
+            } else {
+                ("were clamped, as asked for", "are lost with them")
+            };
             text += &format!(
-                "{} contributions were clamped, as asked for; {:.3e} W/m2/sr of the picture's mean luminance are lost with them\n",
+                "{} contributions {what}; {:.3e} W/m2/sr of the picture's mean luminance {fate}\n",
                 counts.clamped,
-                counts.clamped_luminance / samples
+                lost.abs()
             );
         }
         if counts.non_finite > 0 {
@@ -160,14 +166,14 @@ pub(crate) fn errors(rendered: &Rendered, reference: &Film) -> Result<Errors, Fa
 
 /// The errors that scripts read.
 pub(crate) fn errors_json(errors: &Errors) -> Value {
-    let Errors { mse, relmse, mape, ssim, flip } = errors;
-    json!({ "mse": mse, "relmse": relmse, "mape": mape, "ssim": ssim, "flip": flip })
+    let Errors { mse, relmse, mape, bias, ssim, flip } = errors;
+    json!({ "mse": mse, "relmse": relmse, "mape": mape, "ssim": ssim, "flip": flip, "bias": bias })
 }
 
 /// The errors in a line.
 pub(crate) fn errors_line(errors: &Errors) -> String {
-    let Errors { mse, relmse, mape, ssim, flip } = errors;
-    let mut text = format!("relMSE {relmse:.3e}, MSE {mse:.3e}, MAPE {mape:.4}");
+    let Errors { mse, relmse, mape, bias, ssim, flip } = errors;
+    let mut text = format!("relMSE {relmse:.3e}, MSE {mse:.3e}, MAPE {mape:.4}, mean {:+.2} %", 100.0 * bias);
     if let Some(ssim) = ssim {
         text += &format!(", SSIM {ssim:.4}");
     }

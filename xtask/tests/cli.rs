@@ -117,7 +117,7 @@ fn an_error_is_taken_against_a_reference() {
     };
     render("brute", &["-o", "truth.exr"]);
     let json = render("lightcut", &["--reference", "truth.exr"]);
-    assert_eq!(keys(&json["error"]), ["mse", "relmse", "mape", "ssim", "flip"]);
+    assert_eq!(keys(&json["error"]), ["mse", "relmse", "mape", "ssim", "flip", "bias"]);
     let near = json["error"]["relmse"].as_f64().unwrap();
     let json = render("lightcut", &["--set", "max_nodes=1", "--reference", "truth.exr"]);
     let far = json["error"]["relmse"].as_f64().unwrap();

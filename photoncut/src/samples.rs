@@ -3,7 +3,7 @@
 //! Ward, Rubinstein and Clear 1988: the mean of nearby samples with weights 1/e, e = |x - s| ÷ R + |n - nₛ|, R the harmonic mean of the distances that the
 //! sample's rays went; as Wang et al. 2009 have it. Differs from both: there is no radius beyond which a sample ends. The samples of least e are taken,
 //! and the weight of the next one after them is subtracted from all: a sample comes and goes with weight zero, so the result is continuous
-//! wherever samples are, and never undefined.
+//! wherever samples are, and never undefined. Gradients are limited: those of Ward and Heckbert 1992 have no bound.
 //!
 //! Křivánek et al., "Making Radiance and Irradiance Caching Practical", 2006, section 3: no sample's R is larger than a neighbour's plus the distance between them, on
 //! request.
@@ -75,6 +75,25 @@ impl Located for Indexed {
     }
 }
 
+impl Indexed {
+    /// No gradient is larger than the steepest that the split sphere has, which Ward, Rubinstein and Clear 1988 bound the error by: 4/π of the irradiance over R, and √2 of
+    /// it for a turn by a radian. Few rays past a near edge say more, by chance.
+    fn limit_gradients(&mut self) {
+        let GatherSample { irradiance, mean_distance, rotation, translation, .. } = &mut self.sample;
+        let distance = mean_distance.max(self.distance);
+        for (c, &own) in irradiance.to_array().iter().enumerate() {
+            let own = own.max(0.0);
+            rotation[c] = limited(rotation[c], core::f32::consts::SQRT_2 * own);
+            translation[c] = limited(translation[c], 4.0 * core::f32::consts::FRAC_1_PI * own / distance);
+        }
+    }
+}
+
+/// `vector`, or one of the same direction that is `longest` long; none where it is not a number.
+fn limited(vector: Vec3, longest: f32) -> Vec3 {
+    if vector.is_finite() && longest.is_finite() { vector.clamp_length_max(longest) } else { Vec3::ZERO }
+}
+
 /// A sample's part in a mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Share {
@@ -108,6 +127,7 @@ impl IrradianceSamples {
         if params.clamp_neighbours {
             clamp_by_neighbours(&mut kept);
         }
+        kept.iter_mut().for_each(Indexed::limit_gradients);
         let nodes = points::build(&mut kept, 4);
         let mut reach = vec![0.0f32; nodes.len()];
         for id in (0..nodes.len()).rev() {
@@ -164,20 +184,22 @@ impl IrradianceSamples {
     }
 
     /// Irradiance of a surface at `point` that faces `normal`, W·m⁻² per channel; zero without samples. With gradients a channel may be extrapolated to below
-    /// zero; it is cut off there, and the second result says so.
-    pub fn irradiance(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) -> (Vec3, bool) {
+    /// zero: it is cut off there, and the second result is how far below, from 0 on.
+    pub fn irradiance(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) -> (Vec3, Vec3) {
         let mut sum = Vec3::ZERO;
         for share in self.shares(point, normal, scratch) {
-            let sample = &self.samples[share.slot as usize].sample;
+            let Indexed { sample, distance, .. } = &self.samples[share.slot as usize];
             let mut irradiance = sample.irradiance;
             if self.params.gradients {
-                let (turn, way) = (sample.normal.cross(normal), point - sample.position);
+                // Farther away than R a gradient says nothing.
+                let way = (point - sample.position).clamp_length_max(*distance);
+                let turn = sample.normal.cross(normal);
                 let change = |c: usize| turn.dot(sample.rotation[c]) + way.dot(sample.translation[c]);
                 irradiance += Vec3::new(change(0), change(1), change(2));
             }
             sum += share.weight * irradiance;
         }
-        (sum.max(Vec3::ZERO), sum.min_element() < 0.0)
+        (sum.max(Vec3::ZERO), (-sum).max(Vec3::ZERO))
     }
 
     fn wanted(&self) -> usize {
@@ -233,7 +255,7 @@ fn clamp_by_neighbours(samples: &mut [Indexed]) {
     let sorted: Vec<(Vec3, f32)> =
         order.iter().map(|&i| (samples[i].sample.position, samples[i].distance)).collect();
     let mut bounded = vec![0.0f32; sorted.len()];
-    crate::parallel::for_each(
+    lighttree::parallel::for_each(
         &mut bounded,
         || (),
         |(), i, out| {

@@ -184,9 +184,17 @@ fn interpolation_at_extremes() {
         let (index, _) = IrradianceSamples::new(&[far, near], &params);
         assert!(index.irradiance(Vec3::X * 0.5, Vec3::Y, &mut scratch).0.is_finite());
     }
-    // Gradients: to first order, and cut off at zero.
+    // Gradients: to first order, no farther than R, here 0.5; no steeper than the split sphere's, and cut off at zero.
     let params = InterpolationParams { gradients: true, neighbours: 1, ..params };
     let (index, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, 1.0)], &params);
-    assert_eq!(index.irradiance(Vec3::X * 0.5, Vec3::Y, &mut scratch), (Vec3::splat(1.5), false));
-    assert_eq!(index.irradiance(Vec3::X * -2.0, Vec3::Y, &mut scratch), (Vec3::ZERO, true));
+    assert_eq!(index.irradiance(Vec3::X * 0.5, Vec3::Y, &mut scratch), (Vec3::splat(1.5), Vec3::ZERO));
+    assert_eq!(index.irradiance(Vec3::X * -2.0, Vec3::Y, &mut scratch).0, Vec3::splat(0.5));
+    let steep = GatherSample { translation: [Vec3::X * 100.0; 3], ..sample(Vec3::ZERO, 1.0) };
+    let (index, _) = IrradianceSamples::new(&[steep], &params);
+    let (irradiance, below) = index.irradiance(Vec3::X * -2.0, Vec3::Y, &mut scratch);
+    assert!(irradiance == Vec3::ZERO && (below.x - (4.0 / PI - 1.0)).abs() < 1e-5, "{below}");
+    let turned = GatherSample { rotation: [Vec3::X * 100.0; 3], ..sample(Vec3::ZERO, 1.0) };
+    let (index, _) = IrradianceSamples::new(&[turned], &params);
+    let (irradiance, _) = index.irradiance(Vec3::ZERO, Vec3::Z, &mut scratch);
+    assert!((irradiance.x - (1.0 + core::f32::consts::SQRT_2)).abs() < 1e-5, "{irradiance}");
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clustering::Clusters;
 use glam::Vec3;
 use lighttree::rng::pcg4d;
 use lighttree::{Ray, RayQueries};
@@ -23,6 +24,8 @@ pub(crate) struct Kept {
     film: Option<Film>,
     /// What filters remember, if there are any.
     filter: Option<Filter>,
+    /// Where light was gathered.
+    clusters: Option<Clusters>,
 }
 
 /// What all frames have in common.
@@ -106,7 +109,7 @@ impl Sequence<'_> {
         let start = Instant::now();
         let mut rendered = {
             let watched = Watched::new(&self.name_of(frame));
-            stage.render(&plan, &prepared, self.params, &watched)?
+            stage.render_after(&plan, &prepared, self.params, &watched, &mut kept.clusters)?
         };
         seconds.render = start.elapsed().as_secs_f64();
 

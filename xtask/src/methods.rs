@@ -6,6 +6,8 @@ mod cutinterp;
 pub(crate) mod filter;
 mod lightcut;
 mod next_event;
+#[cfg(test)]
+mod photon_pictures;
 mod photoncut;
 #[cfg(test)]
 mod pictures;

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::time::Instant;
 
+use clustering::Clusters;
 use cutinterp::{LevelMetric, Levels, PlacementParams, ReconstructionParams, Visibility, WeightParams};
 use lightcut::{LightcutParams, Representatives};
 use lighttree::{LightHierarchy, LightSampler, PowerSampler, TreeSampler, UniformSampler};
@@ -171,6 +172,21 @@ impl<'a> Stage<'a> {
         params: &RenderParams,
         progress: &impl Progress,
     ) -> Result<Rendered, Failure> {
+        self.render_after(plan, prepared, params, progress, &mut None)
+    }
+
+    /// Takes one picture of a sequence. `clusters` are those of the picture before, if the method has any, and are replaced by this one's.
+    ///
+    /// # Errors
+    /// If it has no pixels, or the threads cannot be started.
+    pub(crate) fn render_after(
+        &self,
+        plan: &Plan,
+        prepared: &Prepared<'_>,
+        params: &RenderParams,
+        progress: &impl Progress,
+        clusters: &mut Option<Clusters>,
+    ) -> Result<Rendered, Failure> {
         let shot = Shot { stage: self, plan, prepared, params, progress };
         match (&prepared.tool, &prepared.tree) {
             _ if plan.method == Method::Path => shot.paths(),
@@ -180,7 +196,7 @@ impl<'a> Stage<'a> {
                 let params = lightcut_params(&plan.settings);
                 shot.direct(&LightcutMethod { tree, representatives, params })
             }
-            (Tool::Photons(maps), Some(tree)) => shot.photons(maps, tree),
+            (Tool::Photons(maps), Some(tree)) => shot.photons(maps, tree, clusters),
             (Tool::Spread(spread), Some(tree)) => {
                 shot.direct(&Drawn(SubtreesMethod::split(tree, spread, &plan.settings)))
             }
@@ -351,11 +367,19 @@ impl<P: Progress> Shot<'_, P> {
     }
 
     /// Indirect light from photon maps; direct light by walks down the tree.
-    fn photons(&self, maps: &Maps, tree: &Tree) -> Result<Rendered, Failure> {
+    fn photons(
+        &self,
+        maps: &Maps,
+        tree: &Tree,
+        clusters: &mut Option<Clusters>,
+    ) -> Result<Rendered, Failure> {
         let settings = &self.plan.settings;
+        if settings.find("follow") == Some("off") {
+            *clusters = None;
+        }
         let frame = self.stage.frame(self.plan, &self.prepared.lights);
         let sparse = (settings.find("clusters") == Some("on"))
-            .then(|| Sparse::gather(&frame, self.stage.camera, self.params, maps, settings))
+            .then(|| Sparse::gather(&frame, self.stage.camera, self.params, maps, settings, clusters))
             .transpose()
             .map_err(|error| Failure::failed(format!("{}: {error}", self.stage.scene.name)))?;
         let indirect = PhotonLight::new(maps, sparse.as_ref(), settings, frame.radius);

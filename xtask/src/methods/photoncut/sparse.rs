@@ -2,14 +2,13 @@
 
 use std::time::Instant;
 
-use clustering::{ClusterError, ClusterParams, Metric, OrientedPoint, Seeding, cluster};
-use glam::{Vec2, Vec3};
+use clustering::{ClusterError, ClusterParams, Clusters, Metric, OrientedPoint, Seeding, cluster};
+use glam::Vec3;
 use lighttree::RayQueries;
-use lighttree::rng::Random;
 use photoncut::{GatherSample, InterpolationParams, IrradianceSamples, RadianceSh};
 use rayon::prelude::*;
 use scene::{
-    Camera, Counts, Frame, Purpose, RenderParams, Requirements, SceneRays, ShadingPoint, camera_path,
+    Camera, Counts, Frame, RenderParams, Requirements, SceneRays, ShadingPoint, camera_path, camera_ray,
 };
 
 use super::{Maps, Pool, gathering};
@@ -27,7 +26,8 @@ pub(crate) struct Sparse {
 type Gathered = (GatherSample, Option<RadianceSh>, Counts);
 
 impl Sparse {
-    /// Clusters what the camera sees in the first sample of each pixel, and gathers at each cluster's representative.
+    /// Clusters what the camera sees in the first sample of each pixel, and gathers at each cluster's representative. Clusters of the frame before, if
+    /// there are any, keep their centres where they still fit; `before` is left with those of this frame.
     ///
     /// # Errors
     /// If the points cannot be clustered.
@@ -37,6 +37,7 @@ impl Sparse {
         params: &RenderParams,
         maps: &Maps,
         settings: &Settings,
+        before: &mut Option<Clusters>,
     ) -> Result<Self, ClusterError> {
         // See what has to be lit.
         let start = Instant::now();
@@ -52,7 +53,10 @@ impl Sparse {
         let wanted =
             ClusterParams { seed: frame.seed, ..ClusterParams::with_count(settings.whole("samples")) };
         let seeding = Seeding::Screen { width: params.width, pixels: &pixels };
-        let clusters = cluster(&oriented, seeding, &metric, &wanted)?;
+        let (clusters, stayed) = match before.take() {
+            Some(before) => before.follow(&oriented, seeding, &metric, &wanted)?,
+            None => (cluster(&oriented, seeding, &metric, &wanted)?, 0),
+        };
         let clustered = start.elapsed().as_secs_f64();
 
         // Gather at one point of each cluster.
@@ -95,12 +99,13 @@ impl Sparse {
         counts.non_finite += left_out as u64;
         let rounds = clusters.rounds().len();
         eprintln!(
-            "clusters: {} of {} points in {rounds} rounds; camera {seen:.2} s, clusters {clustered:.2} s, gather {spent:.2} s, {} of {} look-ups fell back",
+            "clusters: {} of {} points in {rounds} rounds, {stayed} stayed; camera {seen:.2} s, clusters {clustered:.2} s, gather {spent:.2} s, {} of {} look-ups fell back",
             clusters.len(),
             points.len(),
             counts.fallbacks,
             counts.closest_hit_rays
         );
+        *before = Some(clusters);
         Ok(Self { samples, harmonics, counts })
     }
 
@@ -123,12 +128,10 @@ fn shading_points(
             let mut counts = Counts::default();
             let point = |column: u32| {
                 let pixel = row * width + column;
-                let mut random = Random::new(frame.seed ^ Purpose::Camera.salt(), pixel, params.first_sample);
-                let at = Vec2::new(column as f32, row as f32) + Vec2::new(random.f32(), random.f32());
-                let ray = camera.ray(at, width, height);
+                let sample = params.first_sample;
+                let (ray, mut random) = camera_ray(camera, frame.seed, (width, height), pixel, sample);
                 counts.closest_hit_rays += 1;
                 let first = frame.rays.closest(&ray, scratch);
-                let sample = params.first_sample;
                 camera_path(frame, &ray, first, pixel, sample, &mut random, scratch, &mut counts).point
             };
             // Light that no path brings back needs no gathering.

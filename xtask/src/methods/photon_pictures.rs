@@ -1,0 +1,103 @@
+//! What must hold of pictures made of photons: as much light as paths find, each approximation on its own; the same bits for any number of
+//! threads; and points that stay where they are from frame to frame.
+
+use clustering::Clusters;
+use scene::{RenderParams, Rendered, Scene, SceneRays, builtin};
+
+use super::Method;
+use crate::settings::Settings;
+use crate::shot::{Gi, Plan, Stage};
+
+/// A built-in scene and rays against it.
+struct Room {
+    scene: Scene,
+    rays: SceneRays,
+}
+
+impl Room {
+    fn new(name: &str) -> Self {
+        let scene = builtin(name).unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        Self { scene, rays }
+    }
+
+    fn picture(&self, method: &str, set: &[&str], params: &RenderParams) -> Rendered {
+        self.after(method, set, 1, params, &mut None)
+    }
+
+    fn after(
+        &self,
+        method: &str,
+        set: &[&str],
+        seed: u32,
+        params: &RenderParams,
+        clusters: &mut Option<Clusters>,
+    ) -> Rendered {
+        let method = Method::named(method).unwrap();
+        let set: Vec<_> = set.iter().map(|&assignment| assignment.to_owned()).collect();
+        let settings = Settings::parse("x", &method.keys(), &set).unwrap();
+        let gi = if method == Method::Path { Gi::Path } else { Gi::None };
+        let plan = Plan { method, settings, gi, bounces: 3, seed, light_seed: seed };
+        let stage = Stage { scene: &self.scene, rays: &self.rays, camera: &self.scene.cameras[0] };
+        stage.render_after(&plan, &stage.prepare(&plan).unwrap(), params, &(), clusters).unwrap()
+    }
+}
+
+fn params(spp: u32) -> RenderParams {
+    RenderParams { width: 24, height: 24, spp, threads: 2, ..RenderParams::default() }
+}
+
+fn mean(picture: &Rendered) -> f64 {
+    let pixels = &picture.film.pixels;
+    pixels.iter().map(|p| f64::from(p.element_sum())).sum::<f64>() / pixels.len() as f64
+}
+
+const FEW: [&str; 4] = ["photons=30000", "nodes=1000", "rays=100", "direct=off"];
+
+#[test]
+fn photons_bring_as_much_light_as_paths() {
+    let room = Room::new("cornell");
+    let photons = ["photons=60000", "nearest=20", "direct=off"];
+    // The same camera rays, so that the lamp in the picture is the same.
+    let truth = mean(&room.picture("path", &["direct=off"], &params(64)));
+    let off = |method, set: &[&str]| mean(&room.picture(method, set, &params(64))) / truth - 1.0;
+    let gather = off("gather", &[&photons[..], &["rays=4"]].concat());
+    assert!(gather.abs() < 0.03, "gather: mean off by {gather}");
+    for approximation in [&["clusters=off", "rays=4"], &["cut=off", "rays=100"], &["cut=on", "rays=100"]] {
+        let off = off("photoncut", &[&photons[..], &["nodes=3000", "samples=150"], approximation].concat());
+        assert!(off.abs() < 0.03, "{approximation:?}: mean off by {off}");
+    }
+}
+
+#[test]
+fn threads_do_not_show() {
+    let room = Room::new("glass-cube");
+    let set = ["photons=5000", "caustics=2000", "nodes=200", "rays=30", "samples=60"];
+    for method in ["gather", "photoncut"] {
+        let set = if method == "gather" { &set[..2] } else { &set[..] };
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                room.picture(method, set, &RenderParams { threads, width: 12, height: 12, ..params(1) })
+            })
+        };
+        let (one, three) = (with(1), with(3));
+        assert_eq!((&one.film, &one.counts), (&three.film, &three.counts), "{method}");
+    }
+}
+
+/// Light moves from frame to frame as photons fall elsewhere; where it is gathered does not, unless that is asked for.
+#[test]
+fn clusters_stay_from_frame_to_frame() {
+    let room = Room::new("cornell");
+    let set = [&FEW[..], &["samples=60"]].concat();
+    let mut clusters = None;
+    room.after("photoncut", &set, 1, &params(1), &mut clusters);
+    let first = clusters.clone().unwrap();
+    room.after("photoncut", &set, 2, &params(1), &mut clusters);
+    let stayed = |now: &Clusters| now.centres().iter().filter(|c| first.centres().contains(c)).count();
+    let (kept, all) = (stayed(clusters.as_ref().unwrap()), first.len());
+    assert!(kept > all / 2 && first.len() == 60, "{kept} of {all} stayed");
+    room.after("photoncut", &[&set[..], &["follow=off"]].concat(), 2, &params(1), &mut clusters);
+    assert_eq!(stayed(clusters.as_ref().unwrap()), 0);
+}

@@ -177,7 +177,8 @@ impl Writer {
 
     fn mesh(&mut self, scene: &Scene, own: &LightmappedMesh<'_>) -> Value {
         let mesh = &scene.meshes[own.mesh as usize];
-        let picked = |values: &[Vec3]| -> Vec<Vec3> { own.vertices.iter().map(|&v| values[v as usize]).collect() };
+        let picked =
+            |values: &[Vec3]| -> Vec<Vec3> { own.vertices.iter().map(|&v| values[v as usize]).collect() };
         let positions = picked(&mesh.positions);
         let (min, max) = positions
             .iter()
@@ -328,7 +329,10 @@ mod tests {
         let path = folder.join("scene.glb");
         write_glb(&scene, &meshes, &nodes, &path).unwrap();
         let read = load(&path, &ImportOptions::default()).unwrap();
-        assert_eq!((read.triangle_count(), read.instances.len()), (scene.triangle_count(), scene.instances.len()));
+        assert_eq!(
+            (read.triangle_count(), read.instances.len()),
+            (scene.triangle_count(), scene.instances.len())
+        );
         assert_eq!(read.lights.len(), scene.lights.len(), "emitters still shine");
         assert_eq!(read.cameras[0].name, scene.cameras[0].name);
         assert!(read.cameras[0].position.distance(scene.cameras[0].position) < 1e-6);
@@ -336,7 +340,8 @@ mod tests {
             let (mesh, before) = (&read.meshes[instance.mesh as usize], &scene.meshes[before.mesh as usize]);
             assert_eq!(mesh.positions, before.positions);
             assert!((mesh.uvs1[2].x - 0.002).abs() < 1e-7);
-            let colour = |scene: &Scene, mesh: &crate::Mesh| scene.materials[mesh.material as usize].base_color;
+            let colour =
+                |scene: &Scene, mesh: &crate::Mesh| scene.materials[mesh.material as usize].base_color;
             assert!((colour(&read, mesh) - colour(&scene, before)).length() < 1e-6);
         }
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);

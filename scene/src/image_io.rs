@@ -4,6 +4,7 @@ use core::fmt;
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use exr::prelude::{f16, read_first_rgba_layer_from_file, write_rgb_file};
 use glam::Vec3;
@@ -74,22 +75,45 @@ pub fn write_exr(film: &Film, path: &Path) -> Result<(), ImageError> {
     })
 }
 
-/// Writes 16-bit linear RGB, half the size. What is larger than that format holds, 65504, becomes 65504; returns how many values did.
+/// Bits of a value in an EXR.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ExrDepth {
+    /// 32-bit floats: without loss.
+    #[default]
+    Full,
+    /// 16-bit floats, half the size: what is larger than they hold, 65504, becomes 65504.
+    Half,
+}
+
+/// Writes linear RGB that is never held as a whole: `color` is asked for each column and row. Returns how many values half floats could not hold.
 ///
 /// # Errors
 /// [`ImageError::Write`]; there is no file then, or the one that was there before.
-pub fn write_exr_half(film: &Film, path: &Path) -> Result<u64, ImageError> {
+pub fn write_exr_from(
+    path: &Path,
+    (width, height): (u32, u32),
+    depth: ExrDepth,
+    color: impl Fn(u32, u32) -> Vec3 + Sync,
+) -> Result<u64, ImageError> {
+    let (columns, rows) = (width as usize, height as usize);
     let largest = f16::MAX.to_f32();
-    let half = |value: f32| f16::from_f32(value.clamp(-largest, largest));
-    let color = |x: usize, y: usize| {
-        let pixel = film.pixels[y * film.width as usize + x];
-        (half(pixel.x), half(pixel.y), half(pixel.z))
-    };
+    let saturated = AtomicU64::new(0);
     whole(path, |temporary| {
-        write_rgb_file(temporary, film.width as usize, film.height as usize, color).map_err(|e| e.to_string())
+        let written = match depth {
+            ExrDepth::Full => write_rgb_file(temporary, columns, rows, |x, y| {
+                <(f32, f32, f32)>::from(color(x as u32, y as u32))
+            }),
+            ExrDepth::Half => write_rgb_file(temporary, columns, rows, |x, y| {
+                let value = color(x as u32, y as u32);
+                let beyond = value.to_array().iter().filter(|v| v.abs() > largest).count();
+                saturated.fetch_add(beyond as u64, Ordering::Relaxed);
+                let half = |v: f32| f16::from_f32(v.clamp(-largest, largest));
+                (half(value.x), half(value.y), half(value.z))
+            }),
+        };
+        written.map_err(|e| e.to_string())
     })?;
-    let saturated = film.pixels.iter().flat_map(|p| p.to_array()).filter(|v| v.abs() > largest);
-    Ok(saturated.count() as u64)
+    Ok(saturated.into_inner())
 }
 
 /// Writes 8-bit sRGB of the picture times 2^`stops`, see [`auto_exposure`]; what is brighter than white is white.
@@ -197,7 +221,11 @@ mod tests {
     #[test]
     fn halves_saturate() {
         let path = folder("half").join("picture.exr");
-        assert_eq!(write_exr_half(&film(), &path).unwrap(), 12);
+        let film = film();
+        let color = |x: u32, y: u32| film.pixels[(y * film.width + x) as usize];
+        assert_eq!(write_exr_from(&path, (4, 3), ExrDepth::Half, color).unwrap(), 12);
+        assert_eq!(write_exr_from(&path.with_extension("full"), (4, 3), ExrDepth::Full, color).unwrap(), 0);
+        assert_eq!(read_exr(&path.with_extension("full"), None).unwrap(), film);
         let read = read_exr(&path, Some((4, 3))).unwrap();
         assert_eq!((read.pixels[3].x, read.pixels[3].z), (3.0, 65504.0));
         fs::remove_dir_all(path.parent().unwrap()).unwrap();

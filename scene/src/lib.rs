@@ -34,7 +34,7 @@ pub use camera::Camera;
 pub use export::{ExportError, LightmappedMesh, LightmappedNode, write_glb};
 pub use film::{Film, luminance};
 pub use gbuffer::{GBuffer, LastFrame};
-pub use image_io::{ImageError, auto_exposure, read_exr, write_exr, write_exr_half, write_png};
+pub use image_io::{ExrDepth, ImageError, auto_exposure, read_exr, write_exr, write_exr_from, write_png};
 pub use import::{ImportError, ImportLimits, ImportOptions, ImportProblem, SceneChoice, load};
 pub use light::{DistantLight, Light, LightPoint, LightView, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};

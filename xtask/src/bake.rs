@@ -36,7 +36,7 @@ pub(crate) struct BakeArgs {
     edits: Option<PathBuf>,
 
     /// Texels of the maps along a unit of length; without it, as many as make some 60000 in all
-    #[arg(long, value_name = "D")]
+    #[arg(long, value_name = "D", allow_negative_numbers = true)]
     texels_per_unit: Option<f32>,
 
     /// Go on from a saved bake: the file bake.state that each run keeps in its folder
@@ -69,23 +69,108 @@ pub(crate) struct BakeArgs {
 }
 
 const KEYS: [Key; 17] = [
-    Key { name: "clusters", default: "600", range: Range::Whole(1, 1_000_000), trades: "virtual lights: accuracy of indirect light and soft shadows against time" },
-    Key { name: "paths", default: "100000", range: Range::Whole(1, 1 << 26), trades: "light paths: accuracy of indirect light against time and 64 bytes a surface that they meet" },
-    Key { name: "bounces", default: "3", range: Range::Whole(1, 16), trades: "surfaces that a path meets: light of corners against time" },
-    Key { name: "samples", default: "1", range: Range::Whole(1, 16), trades: "points of each texel: smooth edges of shadows against time and 28 bytes a texel" },
-    Key { name: "directional", default: "0", range: Range::Whole(0, 1), trades: "1: four coefficients of spherical harmonics for normal maps, at 108 bytes a texel" },
-    Key { name: "charts", default: "new", range: Range::OneOf(&["new", "keep"]), trades: "keep: meshes with TEXCOORD_1 are baked with it" },
-    Key { name: "page", default: "4096", range: Range::Whole(64, 16_384), trades: "largest side of a map, texels" },
-    Key { name: "padding", default: "2", range: Range::Whole(0, 7), trades: "empty texels around charts: 2 for bicubic lookups, 1 for bilinear ones" },
-    Key { name: "stitch", default: "1", range: Range::Whole(0, 1), trades: "0: seams between charts stay as they are" },
-    Key { name: "maps", default: "atlas", range: Range::OneOf(&["atlas", "objects"]), trades: "objects: one map for each object" },
-    Key { name: "format", default: "f32", range: Range::OneOf(&["f32", "f16"]), trades: "f16: half the size, at most 65504 W/m2" },
-    Key { name: "view", default: "0", range: Range::Whole(0, 1), trades: "1: also a picture of what a camera sees, lit by the maps; one more after each \"bake\" edit" },
-    Key { name: "spp", default: "4", range: Range::Whole(1, 4096), trades: "samples of a pixel of that picture" },
-    Key { name: "camera", default: "first", range: Range::Words("first or a camera's name"), trades: "whose picture it is" },
-    Key { name: "exposure", default: "auto", range: Range::WordOrNumber("auto", -40.0, 40.0), trades: "stops by which pictures are brightened" },
-    Key { name: "save", default: "10", range: Range::Number(0.0, f32::INFINITY), trades: "seconds between saved bakes: what a kill costs against writing" },
-    Key { name: "seed", default: "1", range: Range::Whole(0, u32::MAX as u64), trades: "seed of all random numbers" },
+    Key {
+        name: "clusters",
+        default: "600",
+        range: Range::Whole(1, 1_000_000),
+        trades: "virtual lights: accuracy of indirect light and soft shadows against time",
+    },
+    Key {
+        name: "paths",
+        default: "100000",
+        range: Range::Whole(1, 1 << 26),
+        trades: "light paths: accuracy of indirect light against time and 64 bytes a surface that they meet",
+    },
+    Key {
+        name: "bounces",
+        default: "3",
+        range: Range::Whole(1, 16),
+        trades: "surfaces that a path meets: light of corners against time",
+    },
+    Key {
+        name: "samples",
+        default: "1",
+        range: Range::Whole(1, 16),
+        trades: "points of each texel: smooth edges of shadows against time and 28 bytes a texel",
+    },
+    Key {
+        name: "directional",
+        default: "0",
+        range: Range::Whole(0, 1),
+        trades: "1: four coefficients of spherical harmonics for normal maps, at 108 bytes a texel",
+    },
+    Key {
+        name: "charts",
+        default: "new",
+        range: Range::OneOf(&["new", "keep"]),
+        trades: "keep: meshes with TEXCOORD_1 are baked with it",
+    },
+    Key {
+        name: "page",
+        default: "4096",
+        range: Range::Whole(64, 16_384),
+        trades: "largest side of a map, texels",
+    },
+    Key {
+        name: "padding",
+        default: "2",
+        range: Range::Whole(0, 7),
+        trades: "empty texels around charts: 2 for bicubic lookups, 1 for bilinear ones",
+    },
+    Key {
+        name: "stitch",
+        default: "1",
+        range: Range::Whole(0, 1),
+        trades: "0: seams between charts stay as they are",
+    },
+    Key {
+        name: "maps",
+        default: "atlas",
+        range: Range::OneOf(&["atlas", "objects"]),
+        trades: "objects: one map for each object",
+    },
+    Key {
+        name: "format",
+        default: "f32",
+        range: Range::OneOf(&["f32", "f16"]),
+        trades: "f16: half the size, at most 65504 W/m2",
+    },
+    Key {
+        name: "view",
+        default: "0",
+        range: Range::Whole(0, 1),
+        trades: "1: also a picture of what a camera sees, lit by the maps; one more after each \"bake\" edit",
+    },
+    Key {
+        name: "spp",
+        default: "4",
+        range: Range::Whole(1, 4096),
+        trades: "samples of a pixel of that picture",
+    },
+    Key {
+        name: "camera",
+        default: "first",
+        range: Range::Words("first or a camera's name"),
+        trades: "whose picture it is",
+    },
+    Key {
+        name: "exposure",
+        default: "auto",
+        range: Range::WordOrNumber("auto", -40.0, 40.0),
+        trades: "stops by which pictures are brightened",
+    },
+    Key {
+        name: "save",
+        default: "10",
+        range: Range::Number(0.0, f32::INFINITY),
+        trades: "seconds between saved bakes: what a kill costs against writing",
+    },
+    Key {
+        name: "seed",
+        default: "1",
+        range: Range::Whole(0, u32::MAX as u64),
+        trades: "seed of all random numbers",
+    },
 ];
 
 /// Texels that a bake has when nothing is said.
@@ -160,8 +245,9 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
         bake.map.layout().charts,
         bake.world.lamps.len(),
     );
-    std::fs::create_dir_all(folder)
-        .map_err(|error| Failure::failed(format!("{}: {error}: choose another place with -o", folder.display())))?;
+    std::fs::create_dir_all(folder).map_err(|error| {
+        Failure::failed(format!("{}: {error}: choose another place with -o", folder.display()))
+    })?;
 
     // Bake, edit, bake.
     let start = Instant::now();
@@ -183,7 +269,9 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
     let (coverage, receivers, counts) = (bake.map.coverage(), bake.map.receivers(), bake.map.counts());
     let (stats, layout) = (bake.baker.stats(), bake.map.layout());
     let stitched = pages.iter().map(|page| page.stitched);
-    let worst = |pick: fn(&bake::lightmap::StitchReport) -> f64| pages.iter().map(|p| pick(&p.stitched)).fold(0.0, f64::max);
+    let worst = |pick: fn(&bake::lightmap::StitchReport) -> f64| {
+        pages.iter().map(|p| pick(&p.stitched)).fold(0.0, f64::max)
+    };
     let summary = json!({
         "scene": bake.world.scene.name,
         "triangles": bake.world.scene.triangle_count(),
@@ -218,7 +306,10 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
         folder.display()
     );
     if written.saturated > 0 {
-        eprintln!("note: {} values are larger than half floats hold and were cut off at 65504", written.saturated);
+        eprintln!(
+            "note: {} values are larger than half floats hold and were cut off at 65504",
+            written.saturated
+        );
     }
     if args.json {
         println!("{summary}");
@@ -235,12 +326,19 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
 
 fn layout_params(args: &BakeArgs, settings: &Settings, world: &World) -> LayoutParams {
     let texels_per_unit = args.texels_per_unit.unwrap_or_else(|| {
-        let area: f64 = world.scene.instances.iter().map(|instance| {
-            let mesh = &world.scene.meshes[instance.mesh as usize];
-            let corners = |t: &[u32; 3]| t.map(|v| instance.to_world.transform_point3(mesh.positions[v as usize]));
-            let triangle = |[a, b, c]: [Vec3; 3]| 0.5 * (b - a).as_dvec3().cross((c - a).as_dvec3()).length();
-            mesh.triangles.iter().map(|t| triangle(corners(t))).sum::<f64>()
-        }).sum();
+        let area: f64 = world
+            .scene
+            .instances
+            .iter()
+            .map(|instance| {
+                let mesh = &world.scene.meshes[instance.mesh as usize];
+                let corners =
+                    |t: &[u32; 3]| t.map(|v| instance.to_world.transform_point3(mesh.positions[v as usize]));
+                let triangle =
+                    |[a, b, c]: [Vec3; 3]| 0.5 * (b - a).as_dvec3().cross((c - a).as_dvec3()).length();
+                mesh.triangles.iter().map(|t| triangle(corners(t))).sum::<f64>()
+            })
+            .sum();
         if area > 0.0 { (TEXELS / area).sqrt() as f32 } else { 1.0 }
     });
     LayoutParams {
@@ -284,7 +382,8 @@ impl<'a> Bake<'a> {
         let total: f64 = world.lamps.iter().map(power).sum();
         let path_power = if total > 0.0 { total / f64::from(settings.whole("paths")) } else { 1.0 };
         for lamp in &mut world.lamps {
-            lamp.light.paths = (power(lamp) / path_power).round().clamp(1.0, f64::from(bake::Light::MAX_PATHS)) as u32;
+            lamp.light.paths =
+                (power(lamp) / path_power).round().clamp(1.0, f64::from(bake::Light::MAX_PATHS)) as u32;
         }
 
         // All light on one texel is more than any will have.
@@ -342,10 +441,14 @@ impl<'a> Bake<'a> {
         }
         if state.settings != self.settings_hash {
             let what = "texels, samples, directional, charts, page, padding or seed";
-            return Err(format!("this bake was made with other {what}: give the same, or bake anew without --resume"));
+            return Err(format!(
+                "this bake was made with other {what}: give the same, or bake anew without --resume"
+            ));
         }
         if let Some(index) = (0..state.edits.len()).find(|&i| self.hashes.get(i) != Some(&state.edits[i])) {
-            return Err(format!("edits[{index}] was another one when this was saved: give the same --edits, and new ones after them"));
+            return Err(format!(
+                "edits[{index}] was another one when this was saved: give the same --edits, and new ones after them"
+            ));
         }
         let params = *self.baker.params();
         let baker = Baker::load(&state.bake, self.scene_hash, params).map_err(|error| error.to_string())?;
@@ -354,9 +457,8 @@ impl<'a> Bake<'a> {
         let needed: BTreeSet<GeometryVersion> = baker.contributions().map(|c| c.version).collect();
         let mut version = GeometryVersion(0);
         for edit in self.edits[..state.edits.len()].to_vec() {
-            let outcome = edit
-                .apply(&mut self.world, params.path_power, None)
-                .map_err(|error| error.to_string())?;
+            let outcome =
+                edit.apply(&mut self.world, params.path_power, None).map_err(|error| error.to_string())?;
             if outcome == Outcome::NewGeometry {
                 version.0 += 1;
                 if needed.contains(&version) || version == baker.version() {
@@ -433,7 +535,9 @@ impl<'a> Bake<'a> {
                 },
             );
             if let Some(error) = failed {
-                return Err(Failure::failed(format!("internal: {error}; please report it with the command line")));
+                return Err(Failure::failed(format!(
+                    "internal: {error}; please report it with the command line"
+                )));
             }
             self.since += made;
             self.updates += made;
@@ -464,9 +568,9 @@ impl<'a> Bake<'a> {
             edits: self.hashes[..self.done].to_vec(),
             since: self.since,
             bake: self.baker.save(self.scene_hash),
-            sums: self.map.sums().collect(),
+            sums: Vec::new(),
         };
-        state.write(&self.state_path)?;
+        state.write(&self.state_path, || self.map.sums())?;
         self.last_saved = Instant::now();
         Ok(())
     }
@@ -502,7 +606,11 @@ fn hash_scene(scene: &scene::Scene) -> u64 {
     for mesh in &scene.meshes {
         vectors(&mut hash, &mesh.positions);
         vectors(&mut hash, &mesh.normals);
-        mesh.uvs.iter().chain(&mesh.uvs1).flat_map(|uv| uv.to_array()).for_each(|x| hash.bytes(&x.to_le_bytes()));
+        mesh.uvs
+            .iter()
+            .chain(&mesh.uvs1)
+            .flat_map(|uv| uv.to_array())
+            .for_each(|x| hash.bytes(&x.to_le_bytes()));
         mesh.triangles.iter().flatten().for_each(|v| hash.bytes(&v.to_le_bytes()));
         hash.bytes(&mesh.material.to_le_bytes());
     }

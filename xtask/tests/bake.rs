@@ -7,9 +7,8 @@ use std::time::Duration;
 use serde_json::Value;
 
 /// A small bake of the Cornell box, and few seconds.
-const SMALL: [&str; 9] = [
-    "bake", "cornell", "--texels-per-unit", "12", "--set", "clusters=12", "--set", "paths=3000", "--json",
-];
+const SMALL: [&str; 9] =
+    ["bake", "cornell", "--texels-per-unit", "12", "--set", "clusters=12", "--set", "paths=3000", "--json"];
 
 fn xtask(folder: &Path, arguments: &[&str]) -> Output {
     let output = Command::new(env!("CARGO_BIN_EXE_xtask")).args(arguments).current_dir(folder).output();
@@ -52,7 +51,8 @@ fn write_edits(folder: &Path, list: &str) {
 #[test]
 fn a_bake_writes_what_engines_read() {
     let folder = tempfile::tempdir().unwrap();
-    let json = bake(folder.path(), &["-o", "out", "--set", "view=1", "--size", "24x24", "--set", "format=f16"]);
+    let json =
+        bake(folder.path(), &["-o", "out", "--set", "view=1", "--size", "24x24", "--set", "format=f16"]);
     let texels = json["texels"].as_u64().unwrap();
     assert!(texels > 300 && json["virtual_lights"].as_u64().unwrap() > 5, "{json}");
     for count in ["cut_off", "non_finite", "wrapped", "overlapping", "outside", "unsound_hits", "saturated"] {
@@ -67,10 +67,16 @@ fn a_bake_writes_what_engines_read() {
         assert_eq!(object["lightmap"]["map"], "lightmap.exr");
         let rect: Vec<f64> =
             object["lightmap"]["uv_rect"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
-        assert!(rect[0] < rect[2] && rect[1] < rect[3] && rect.iter().all(|x| (0.0..=1.0).contains(x)), "{rect:?}");
+        assert!(
+            rect[0] < rect[2] && rect[1] < rect[3] && rect.iter().all(|x| (0.0..=1.0).contains(x)),
+            "{rect:?}"
+        );
     }
     let map = scene::read_exr(&out.join("lightmap.exr"), None).unwrap();
-    assert_eq!((u64::from(map.width), u64::from(map.height)), (json["size"][0].as_u64().unwrap(), json["size"][1].as_u64().unwrap()));
+    assert_eq!(
+        (u64::from(map.width), u64::from(map.height)),
+        (json["size"][0].as_u64().unwrap(), json["size"][1].as_u64().unwrap())
+    );
     assert!(map.pixels.iter().all(|p| p.min_element() >= 0.0) && map.pixels.iter().any(|p| p.x > 0.0));
     let view = scene::read_exr(&out.join("view.exr"), Some((24, 24))).unwrap();
     assert!(view.pixels.iter().all(|p| p.is_finite()) && scene::luminance(view.pixels[12 * 24 + 12]) > 0.0);
@@ -81,8 +87,24 @@ fn a_bake_writes_what_engines_read() {
     // The coordinates just written are kept on request, one map for each object.
     let again = xtask(
         folder.path(),
-        &["bake", "out/scene.glb", "--texels-per-unit", "12", "--set", "clusters=4", "--set", "paths=500",
-          "--set", "charts=keep", "--set", "maps=objects", "--set", "directional=1", "-o", "kept"],
+        &[
+            "bake",
+            "out/scene.glb",
+            "--texels-per-unit",
+            "12",
+            "--set",
+            "clusters=4",
+            "--set",
+            "paths=500",
+            "--set",
+            "charts=keep",
+            "--set",
+            "maps=objects",
+            "--set",
+            "directional=1",
+            "-o",
+            "kept",
+        ],
     );
     assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
     let kept = scene::load(&folder.path().join("kept/scene.glb"), &scene::ImportOptions::default()).unwrap();
@@ -104,7 +126,8 @@ fn undone_edits_leave_no_trace() {
     let back = bake(folder.path(), &["-o", "back", "--edits", "edits.json", "--threads", "1"]);
     assert_eq!(back["sums"], plain);
     // Saved edits are taken up, and further ones done.
-    let resumed = bake(folder.path(), &["-o", "there", "--edits", "edits.json", "--resume", "there/bake.state"]);
+    let resumed =
+        bake(folder.path(), &["-o", "there", "--edits", "edits.json", "--resume", "there/bake.state"]);
     assert_eq!(resumed["sums"], plain);
 }
 
@@ -112,7 +135,12 @@ fn undone_edits_leave_no_trace() {
 #[test]
 fn kills_leave_no_trace() {
     let folder = tempfile::tempdir().unwrap();
-    write_edits(folder.path(), &format!("{THERE}, {{\"op\": \"bake\"}}, {{\"op\": \"move_light\", \"light\": 1, \"by\": [0.1, 0, 0]}}"));
+    write_edits(
+        folder.path(),
+        &format!(
+            "{THERE}, {{\"op\": \"bake\"}}, {{\"op\": \"move_light\", \"light\": 1, \"by\": [0.1, 0, 0]}}"
+        ),
+    );
     let common = ["--edits", "edits.json", "--set", "save=0"];
     let whole = bake(folder.path(), &[&common[..], &["-o", "whole"]].concat());
     let state = folder.path().join("killed/bake.state");
@@ -167,9 +195,18 @@ fn what_is_wrong_is_named_in_a_line() {
         (r#"{"edits": [{"op": "set_light", "light": 0}]}"#, "either \"times\" or \"flux\""),
         (r#"{"edits": [{"op": "set_light", "light": 0, "times": -1}]}"#, "cannot be negative"),
         (r#"{"edits": [{"op": "set_light", "light": 1, "times": 1}]}"#, "none of the 1 lights"),
-        (r#"{"edits": [{"op": "add_light", "position": [0, 0, 0], "flux": [1, 1, 1], "radius": 0}]}"#, "\"radius\" 0"),
-        (r#"{"edits": [{"op": "add_light", "position": [0, 0, 0], "flux": [1, 1, 1], "file": "lamp.txt"}]}"#, "lamp.txt"),
-        (r#"{"edits": [{"op": "profile", "light": 0, "file": "broken.ies"}]}"#, "broken.ies: there is no TILT= line"),
+        (
+            r#"{"edits": [{"op": "add_light", "position": [0, 0, 0], "flux": [1, 1, 1], "radius": 0}]}"#,
+            "\"radius\" 0",
+        ),
+        (
+            r#"{"edits": [{"op": "add_light", "position": [0, 0, 0], "flux": [1, 1, 1], "file": "lamp.txt"}]}"#,
+            "lamp.txt",
+        ),
+        (
+            r#"{"edits": [{"op": "profile", "light": 0, "file": "broken.ies"}]}"#,
+            "broken.ies: there is no TILT= line",
+        ),
         (r#"{"edits": [{"op": "bake", "updates": 1.5}]}"#, "is no whole number"),
     ] {
         std::fs::write(f.join("broken.ies"), "IESNA").unwrap();
@@ -184,7 +221,18 @@ fn what_is_wrong_is_named_in_a_line() {
     refuses(f, &call(&["--resume", "none"]), &["none"]);
     bake(f, &["-o", "done"]);
     refuses(f, &call(&["--resume", "done/bake.state", "--set", "samples=2"]), &["other texels"]);
-    let dials = ["bake", "hall:20", "-o", "out", "--set", "clusters=2", "--set", "paths=100", "--texels-per-unit", "0.5"];
+    let dials = [
+        "bake",
+        "hall:20",
+        "-o",
+        "out",
+        "--set",
+        "clusters=2",
+        "--set",
+        "paths=100",
+        "--texels-per-unit",
+        "0.5",
+    ];
     refuses(f, &[&dials[..], &["--resume", "done/bake.state"]].concat(), &["another scene"]);
     let mut bytes = std::fs::read(f.join("done/bake.state")).unwrap();
     bytes[6] = 9;

@@ -190,7 +190,9 @@ impl Reader<'_> {
     }
 
     fn profile(&self, fields: &Map<String, Value>) -> Result<Profile, String> {
-        let name = required(fields, "file", |value| value.as_str().map(str::to_owned).ok_or("is no name".to_owned()))?;
+        let name = required(fields, "file", |value| {
+            value.as_str().map(str::to_owned).ok_or("is no name".to_owned())
+        })?;
         let path = self.folder.join(&name);
         let bytes = std::fs::read(&path).map_err(|error| format!("{name}: {error}"))?;
         let extension = path.extension().map(|e| e.to_ascii_lowercase());

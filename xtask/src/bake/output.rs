@@ -4,7 +4,7 @@ use std::path::Path;
 
 use bake::lightmap::{Image, Layout};
 use glam::{Vec2, Vec3};
-use scene::{Film, LightmappedMesh, LightmappedNode};
+use scene::{ExrDepth, Film, LightmappedMesh, LightmappedNode};
 use serde_json::{Value, json};
 
 use super::world::World;
@@ -56,7 +56,8 @@ pub(crate) fn write(
             let size = Vec2::new(layout.size[0] as f32, layout.size[1] as f32);
             for (object, place) in placed {
                 let page = &pages[place.page as usize];
-                objects[object] = describe(&names[place.page as usize], page.channels, place.min / size, place.max / size);
+                objects[object] =
+                    describe(&names[place.page as usize], page.channels, place.min / size, place.max / size);
             }
         }
         Maps::Objects => {
@@ -74,16 +75,25 @@ pub(crate) fn write(
         }
     }
     write_scene(folder, world, layout, &objects, &mut written)?;
-    let lights: Vec<Value> = world.lamps.iter().enumerate().map(|(key, lamp)| {
-        let at: Vec3 = lamp.light.transform.translation.into();
-        json!({ "light": key, "kind": lamp.what, "present": lamp.present, "object": lamp.object,
+    let lights: Vec<Value> = world
+        .lamps
+        .iter()
+        .enumerate()
+        .map(|(key, lamp)| {
+            let at: Vec3 = lamp.light.transform.translation.into();
+            json!({ "light": key, "kind": lamp.what, "present": lamp.present, "object": lamp.object,
                 "position": at.to_array(), "flux": lamp.light.flux.to_array() })
-    }).collect();
-    let listed: Vec<Value> = objects.into_iter().enumerate().map(|(object, map)| {
-        let mesh = &world.scene.meshes[world.scene.instances[object].mesh as usize];
-        json!({ "object": object, "present": world.objects[object].is_some(),
+        })
+        .collect();
+    let listed: Vec<Value> = objects
+        .into_iter()
+        .enumerate()
+        .map(|(object, map)| {
+            let mesh = &world.scene.meshes[world.scene.instances[object].mesh as usize];
+            json!({ "object": object, "present": world.objects[object].is_some(),
                 "material": world.scene.materials[mesh.material as usize].name, "lightmap": map })
-    }).collect();
+        })
+        .collect();
     let sidecar = json!({
         "scene": world.scene.name,
         "glb": "scene.glb",
@@ -118,26 +128,20 @@ fn write_map(
     half: bool,
     written: &mut Written,
 ) -> Result<(), Failure> {
+    let size = (high[0] - low[0], high[1] - low[1]);
+    let depth = if half { ExrDepth::Half } else { ExrDepth::Full };
     for coefficient in 0..page.channels / 3 {
-        let mut film = Film::new(high[0] - low[0], high[1] - low[1]);
-        let rows = film.pixels.chunks_exact_mut(film.width as usize).zip(low[1]..);
-        for (row, y) in rows {
-            for (pixel, x) in row.iter_mut().zip(low[0]..) {
-                let at = (y * page.width + x) as usize * page.channels + 3 * coefficient;
-                *pixel = Vec3::from_slice(&page.values[at..at + 3]);
-            }
-        }
+        let color = |x: u32, y: u32| {
+            let texel = ((low[1] + y) * page.width + low[0] + x) as usize;
+            Vec3::from_slice(&page.values[texel * page.channels + 3 * coefficient..][..3])
+        };
         let file = match page.channels {
             3 => format!("{name}.exr"),
             _ => format!("{name}.{}.exr", COEFFICIENTS[coefficient]),
         };
-        let path = folder.join(&file);
-        let fail = |error: scene::ImageError| Failure::failed(format!("{error}: choose another place with -o"));
-        if half {
-            written.saturated += scene::write_exr_half(&film, &path).map_err(fail)?;
-        } else {
-            scene::write_exr(&film, &path).map_err(fail)?;
-        }
+        let saturated = scene::write_exr_from(&folder.join(&file), size, depth, color);
+        written.saturated +=
+            saturated.map_err(|error| Failure::failed(format!("{error}: choose another place with -o")))?;
         written.files.push(file);
     }
     Ok(())
@@ -187,10 +191,12 @@ fn write_scene(
     Ok(())
 }
 
-/// Stops that make the median of what a grey surface reflects middle grey.
+/// Stops that make the median of what a grey surface reflects middle grey; of a large map, that of a sample of its texels.
 fn exposure(pages: &[Image]) -> f32 {
     const GREY: f32 = 0.5 * core::f32::consts::FRAC_1_PI;
-    let texels = pages.iter().flat_map(|page| page.values.chunks_exact(page.channels));
+    const SAMPLE: usize = 1 << 18;
+    let step = (pages.iter().map(|page| page.values.len() / page.channels).sum::<usize>() / SAMPLE).max(1);
+    let texels = pages.iter().flat_map(|page| page.values.chunks_exact(page.channels)).step_by(step);
     let pixels: Vec<Vec3> = texels.map(|texel| GREY * Vec3::from_slice(&texel[..3])).collect();
     scene::auto_exposure(&Film { width: pixels.len() as u32, height: 1, pixels })
 }

@@ -54,39 +54,49 @@ impl Fnv {
 }
 
 impl State {
-    /// Writes the state to a temporary file in the same folder, and gives it its name once it is on the disk.
+    /// Writes the state, with `sums` in place of its own, to a temporary file in the same folder, and gives it its name once it is on the disk. Sums are
+    /// asked for twice instead of being held once more.
     ///
     /// # Errors
     /// A failure that names the file.
-    pub(crate) fn write(&self, path: &Path) -> Result<(), Failure> {
+    pub(crate) fn write<S: Iterator<Item = i64>>(
+        &self,
+        path: &Path,
+        sums: impl Fn() -> S,
+    ) -> Result<(), Failure> {
         let fail = |why: String| Failure::failed(format!("{}: cannot be written: {why}", path.display()));
-        let mut rest = Vec::with_capacity(64 + self.bake.len() + 8 * self.sums.len());
-        let mut word = |word: u64| rest.extend_from_slice(&word.to_le_bytes());
+        let mut head = Vec::with_capacity(64 + self.bake.len());
+        let mut word = |word: u64| head.extend_from_slice(&word.to_le_bytes());
         word(self.scene);
         word(self.settings);
         word(self.edits.len() as u64);
         word(self.since);
         self.edits.iter().for_each(|&edit| word(edit));
         word(self.bake.len() as u64);
-        rest.extend_from_slice(&self.bake);
-        rest.extend_from_slice(&(self.sums.len() as u64).to_le_bytes());
-        for sum in &self.sums {
-            rest.extend_from_slice(&sum.to_le_bytes());
-        }
+        head.extend_from_slice(&self.bake);
+        head.extend_from_slice(&(sums().count() as u64).to_le_bytes());
+        let mut hash = Fnv::default();
+        hash.bytes(&head);
+        sums().for_each(|sum| hash.bytes(&sum.to_le_bytes()));
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut file = tempfile::Builder::new()
             .prefix(".lighttree-")
             .suffix(".tmp")
             .tempfile_in(folder)
             .map_err(|error| fail(error.to_string()))?;
-        let write = |file: &mut tempfile::NamedTempFile| -> std::io::Result<()> {
-            file.write_all(MAGIC)?;
-            file.write_all(&FORMAT.to_le_bytes())?;
-            file.write_all(&fnv(&rest).to_le_bytes())?;
-            file.write_all(&rest)?;
-            file.as_file().sync_all()
+        let write = |file: &std::fs::File| -> std::io::Result<()> {
+            let mut out = std::io::BufWriter::new(file);
+            out.write_all(MAGIC)?;
+            out.write_all(&FORMAT.to_le_bytes())?;
+            out.write_all(&hash.0.to_le_bytes())?;
+            out.write_all(&head)?;
+            for sum in sums() {
+                out.write_all(&sum.to_le_bytes())?;
+            }
+            out.flush()?;
+            file.sync_all()
         };
-        write(&mut file).map_err(|error| fail(error.to_string()))?;
+        write(file.as_file_mut()).map_err(|error| fail(error.to_string()))?;
         file.persist(path).map_err(|error| fail(error.error.to_string()))?;
         Ok(())
     }
@@ -106,7 +116,9 @@ impl State {
         let (format, rest) = rest.split_first_chunk::<2>().ok_or("this saved bake is cut off")?;
         let format = u16::from_le_bytes(*format);
         if format != FORMAT {
-            return Err(format!("this bake was saved in format {format}, and only {FORMAT} is read: bake anew"));
+            return Err(format!(
+                "this bake was saved in format {format}, and only {FORMAT} is read: bake anew"
+            ));
         }
         let (sum, rest) = rest.split_first_chunk::<8>().ok_or("this saved bake is cut off")?;
         if fnv(rest) != u64::from_le_bytes(*sum) {
@@ -151,7 +163,7 @@ mod tests {
             bake: vec![6, 7, 8],
             sums: vec![-9, i64::MAX],
         };
-        state.write(&path).unwrap();
+        state.write(&path, || state.sums.iter().copied()).unwrap();
         assert_eq!(State::read(&path).unwrap(), state);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         let bytes = std::fs::read(&path).unwrap();

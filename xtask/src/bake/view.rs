@@ -8,6 +8,9 @@ use scene::{Camera, Film, RayScratch, camera_ray};
 
 use super::world::{Geometry, World};
 
+/// Backs that a ray passes at most.
+const MAX_BACKS: u32 = 64;
+
 /// Pixels of `spp` samples each. Surfaces reflect irradiance ÷ π × albedo, emitters shine.
 pub(crate) fn view(
     world: &World,
@@ -21,18 +24,26 @@ pub(crate) fn view(
     let standing = &*geometry.0;
     let (scene, tree) = (&standing.scene, &standing.rays);
     let radiance = |pixel: u32, sample: u32, scratch: &mut RayScratch| -> Vec3 {
-        let (ray, _) = camera_ray(camera, 1, size, pixel, sample);
-        let Some(hit) = tree.closest(&ray, scratch) else { return Vec3::ZERO };
-        let surface = tree.surface(scene, &ray, &hit);
-        let material = &scene.materials[surface.material as usize];
+        let (mut ray, _) = camera_ray(camera, 1, size, pixel, sample);
+        // Backs of what is lit from one side alone are not drawn, as engines have it.
+        let mut backs = 0;
+        let (hit, surface, material) = loop {
+            let Some(hit) = tree.closest(&ray, scratch) else { return Vec3::ZERO };
+            let surface = tree.surface(scene, &ray, &hit);
+            let material = &scene.materials[surface.material as usize];
+            if surface.front || material.double_sided {
+                break (hit, surface, material);
+            }
+            backs += 1;
+            if backs > MAX_BACKS {
+                return Vec3::ZERO;
+            }
+            ray.origin = surface.offset(ray.direction);
+        };
         let look = material.look(scene, [surface.uv, surface.uv1]);
         let emission = material.emission(&look, surface.front);
         let object = standing.standing[surface.instance as usize];
         let Some(placement) = &layout.objects[object as usize] else { return emission };
-        // The back of what is lit from one side alone has no light.
-        if !surface.front && !material.double_sided {
-            return emission;
-        }
         let mesh = &layout.meshes[placement.charted as usize];
         let [a, b, c] = mesh.triangles[surface.triangle as usize].map(|v| mesh.uvs[v as usize]);
         let uv = a + hit.u * (b - a) + hit.v * (c - a);

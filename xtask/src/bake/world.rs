@@ -71,7 +71,11 @@ impl World {
         let (low, high) = self.bounds[self.scene.instances[object as usize].mesh as usize];
         let corner = |i: u32| {
             let pick = |bit: u32, low: f32, high: f32| if i & bit == 0 { low } else { high };
-            at.transform_point3(Vec3::new(pick(1, low.x, high.x), pick(2, low.y, high.y), pick(4, low.z, high.z)))
+            at.transform_point3(Vec3::new(
+                pick(1, low.x, high.x),
+                pick(2, low.y, high.y),
+                pick(4, low.z, high.z),
+            ))
         };
         let (min, max) = bounds((0..8).map(corner));
         Bounds { min, max }
@@ -79,7 +83,8 @@ impl World {
 
     /// The box of everything that stands, and a bit around it for what will.
     pub(crate) fn whole_box(&self) -> Bounds {
-        let boxes = (0..self.objects.len() as u32).filter_map(|o| Some(self.box_of(o, self.objects[o as usize]?)));
+        let boxes =
+            (0..self.objects.len() as u32).filter_map(|o| Some(self.box_of(o, self.objects[o as usize]?)));
         let whole = boxes.reduce(|a, b| Bounds { min: a.min.min(b.min), max: a.max.max(b.max) });
         let whole = whole.unwrap_or(Bounds { min: Vec3::splat(-1.0), max: Vec3::ONE });
         let margin = Vec3::splat(0.05 * (whole.max - whole.min).max_element());
@@ -120,7 +125,8 @@ impl World {
         });
         let mut scene = Scene { lights: Vec::new(), ..self.scene.clone() };
         scene.instances = instances.collect();
-        let rays = SceneRays::build(&scene).map_err(|error| Failure::failed(format!("{}: {error}", scene.name)))?;
+        let rays =
+            SceneRays::build(&scene).map_err(|error| Failure::failed(format!("{}: {error}", scene.name)))?;
         let fronts = (0..rays.primitive_count()).map(|primitive| {
             let (instance, triangle) = rays.locate(primitive);
             let instance = &scene.instances[instance as usize];
@@ -223,7 +229,8 @@ fn lamps(scene: &Scene) -> Vec<Lamp> {
         match *light {
             scene::Light::Point { position, .. } => {
                 let transform = Affine3A::from_translation(position);
-                let light = Light { aperture: Aperture::Point, profile: Profile::Lambert, flux, transform, paths: 1 };
+                let light =
+                    Light { aperture: Aperture::Point, profile: Profile::Lambert, flux, transform, paths: 1 };
                 lamps.push(lamp(light, None, "point"));
             }
             scene::Light::Spot { position, axis, cos_inner, cos_outer, .. } => {
@@ -259,7 +266,8 @@ fn lamps(scene: &Scene) -> Vec<Lamp> {
     for distant in &scene.distant {
         let transform = Affine3A::from_quat(Quat::from_rotation_arc(Vec3::Z, distant.direction));
         let aperture = Aperture::Sky { half_angle: 0.0 };
-        let light = Light { aperture, profile: Profile::Lambert, flux: distant.irradiance, transform, paths: 1 };
+        let light =
+            Light { aperture, profile: Profile::Lambert, flux: distant.irradiance, transform, paths: 1 };
         lamps.push(lamp(light, None, "distant"));
     }
     lamps

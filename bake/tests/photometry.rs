@@ -62,7 +62,7 @@ fn symmetries_are_written_out() {
     let whole = file("0 90 180 270 360", 5, "100 40 0 100 80 0 100 40 0 100 80 0 100 40 0");
     let open = file("0 90 180 270", 4, "100 40 0 100 80 0 100 40 0 100 80 0");
     let euro = |symmetry, rows: usize| {
-        let row = |i: usize| if i % 2 == 0 { [50.0, 20.0, 0.0] } else { [50.0, 40.0, 0.0] };
+        let row = |i: usize| if i.is_multiple_of(2) { [50.0, 20.0, 0.0] } else { [50.0, 40.0, 0.0] };
         // A file of the planes C270 to C90 starts with one of the bright planes.
         let first = usize::from(symmetry == 3);
         let values: Vec<f32> = (first..first + rows).flat_map(row).collect();

@@ -233,7 +233,7 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
     let mut bake = Bake::new(args, &settings, world, edits, hashes, scene_hash, folder)?;
     let unwrap = start.elapsed().as_secs_f64();
     if let (Some(state), Some(path)) = (saved, &args.resume) {
-        bake.take_up(state).map_err(|why| Failure::failed(format!("{}: {why}", path.display())))?;
+        bake.take_up(&state).map_err(|why| Failure::failed(format!("{}: {why}", path.display())))?;
     }
     eprintln!(
         "{} objects on {} page(s) of {}x{}, {} texels in {} charts; {} lights",
@@ -435,7 +435,7 @@ impl<'a> Bake<'a> {
     }
 
     /// Puts what was saved in place of a bake that has just begun.
-    fn take_up(&mut self, state: State) -> Result<(), String> {
+    fn take_up(&mut self, state: &State) -> Result<(), String> {
         if state.scene != self.scene_hash {
             return Err("this bake is of another scene: bake anew without --resume".to_owned());
         }
@@ -456,7 +456,7 @@ impl<'a> Bake<'a> {
         // Bring the world to where it was, and give the map the versions that its light is of.
         let needed: BTreeSet<GeometryVersion> = baker.contributions().map(|c| c.version).collect();
         let mut version = GeometryVersion(0);
-        for edit in self.edits[..state.edits.len()].to_vec() {
+        for edit in &self.edits[..state.edits.len()] {
             let outcome =
                 edit.apply(&mut self.world, params.path_power, None).map_err(|error| error.to_string())?;
             if outcome == Outcome::NewGeometry {

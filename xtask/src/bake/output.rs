@@ -130,14 +130,14 @@ fn write_map(
 ) -> Result<(), Failure> {
     let size = (high[0] - low[0], high[1] - low[1]);
     let depth = if half { ExrDepth::Half } else { ExrDepth::Full };
-    for coefficient in 0..page.channels / 3 {
+    for (coefficient, suffix) in COEFFICIENTS.iter().enumerate().take(page.channels / 3) {
         let color = |x: u32, y: u32| {
             let texel = ((low[1] + y) * page.width + low[0] + x) as usize;
             Vec3::from_slice(&page.values[texel * page.channels + 3 * coefficient..][..3])
         };
         let file = match page.channels {
             3 => format!("{name}.exr"),
-            _ => format!("{name}.{}.exr", COEFFICIENTS[coefficient]),
+            _ => format!("{name}.{suffix}.exr"),
         };
         let saturated = scene::write_exr_from(&folder.join(&file), size, depth, color);
         written.saturated +=

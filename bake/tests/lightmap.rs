@@ -62,7 +62,7 @@ fn irradiance_is_what_it_should_be() {
     assert_eq!(map.counts(), bake::lightmap::FixedPointCounts::default());
 }
 
-/// 10⁴ random adds, then the same taken away in another order, leave every bit as it was: for one thread and for two.
+/// Hundreds of random adds, then the same taken away in another order, leave every bit as it was: for one thread and for two.
 #[test]
 fn undo_is_exact_for_any_order_and_threads() {
     let meshes = room();
@@ -95,6 +95,36 @@ fn undo_is_exact_for_any_order_and_threads() {
         });
     }
     assert_eq!(ends[0], ends[1], "threads change no bit");
+}
+
+/// 10⁵ lights of eight decades come and go in another order: not a bit is left of them, for one thread and for two.
+#[test]
+fn a_hundred_thousand_lights_leave_no_trace() {
+    let floor = [Mesh::default().quad(Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0)];
+    let mut ends = Vec::new();
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut random = Random::new(9, 0, 0);
+            let mut map = lightmap(&floor, &params(1.0));
+            map.apply(&add(&point(Vec3::ONE, 1.0, 1), 0)).unwrap();
+            let before = sums(&map);
+            let mut lights: Vec<_> = (0..100_000).map(|_| disk(&mut random)).collect();
+            for part in lights.chunks(100) {
+                let add = part.iter().map(|light| contribution(light, 0)).collect();
+                map.apply(&Update { add, subtract: Vec::new() }).unwrap();
+            }
+            ends.push(sums(&map));
+            lights.sort_by_key(|light| light.seed);
+            for part in lights.chunks(77) {
+                let subtract = part.iter().map(|light| contribution(light, 0)).collect();
+                map.apply(&Update { subtract, add: Vec::new() }).unwrap();
+            }
+            assert_eq!(sums(&map), before);
+            assert_eq!(map.counts(), bake::lightmap::FixedPointCounts::default());
+        });
+    }
+    assert_eq!(ends[0], ends[1]);
 }
 
 /// A block moves away and back: the same bits, and the version in between is let go of when its light is.

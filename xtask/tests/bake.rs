@@ -244,3 +244,27 @@ fn what_is_wrong_is_named_in_a_line() {
     refuses(f, &["bake", "cornell", "-o", "out", "--texels-per-unit", "-1"], &["positive"]);
     refuses(f, &["bake", "cornell"], &["--output"]);
 }
+
+/// The Cornell box lit by its maps has the light of the path tracer's picture, the same bounces on both sides.
+#[test]
+fn a_view_has_the_light_of_path_tracing() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| {
+        let output = xtask(folder.path(), arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    let dials = ["--set", "clusters=120", "--set", "paths=20000", "--set", "bounces=5", "--set", "samples=2"];
+    let look = ["--set", "view=1", "--set", "spp=16", "--size", "48x48", "-o", "baked"];
+    run(&[&["bake", "cornell", "--texels-per-unit", "32"], &dials[..], &look].concat());
+    let path = ["render", "cornell", "--method", "path", "--bounces", "5", "--spp", "64", "--size", "48x48"];
+    run(&[&path[..], &["--set", "materials=diffuse", "-o", "path.exr"]].concat());
+    let read = |name: &str| scene::read_exr(&folder.path().join(name), Some((48, 48))).unwrap().pixels;
+    let (baked, path) = (read("baked/view.exr"), read("path.exr"));
+    // All but the lamp, whose border the few camera samples of either would decide.
+    let dark = |i: &usize| baked[*i].max(path[*i]).max_element() < 0.7;
+    let surfaces: Vec<usize> = (0..path.len()).filter(dark).collect();
+    assert!(surfaces.len() > path.len() * 9 / 10);
+    let mean = |pixels: &[glam::Vec3]| surfaces.iter().map(|&i| pixels[i].as_dvec3()).sum::<glam::DVec3>();
+    let ratio = mean(&baked) / mean(&path);
+    assert!((ratio - 1.0).abs().max_element() < 0.02, "{ratio}");
+}

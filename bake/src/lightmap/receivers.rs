@@ -140,6 +140,11 @@ impl Standing<'_> {
         }
     }
 
+    /// Length of a texel's side at a site, in the world; 0 on a triangle without area.
+    pub(super) fn texel_length(&self, site: Site) -> f32 {
+        self.on_surface(site).map_or(0.0, |point| point.texel)
+    }
+
     /// Where rays of a site start, before anything is known of other surfaces; `None` on a triangle without area.
     fn on_surface(&self, site: Site) -> Option<Point> {
         let own = self.mesh.triangles[site.triangle as usize];

@@ -347,8 +347,9 @@ impl<R: LightmapRays> Lightmap<R> {
         let samples: Box<[Sample]> =
             sites.iter().map(|&site| standing.sample(site, rays, scratch, report)).collect();
         let (min, max) = bounds(samples.iter().map(|sample| sample.position));
-        // A texel's reach: what comes within it may push samples.
-        let reach = Vec3::splat((max - min).max_element() * 0.5 + f32::MIN_POSITIVE);
+        // What comes within a texel of a sample may push it.
+        let reach = sites.iter().map(|&site| standing.texel_length(site)).fold(f32::MIN_POSITIVE, f32::max);
+        let reach = Vec3::splat(reach);
         Chunk { min: min - reach, max: max + reach, samples }
     }
 

@@ -11,8 +11,10 @@ use glam::{DVec3, Quat, Vec3};
 
 use crate::{Aperture, Light, Polygon, Profile, Shape, hull::convex_hull};
 
-/// A piece with less than this share of its light's flux is not split.
+/// A piece with less than this share of its light's flux is not split,
 const SMALLEST: f64 = 1.0 / 256.0;
+/// nor is one with fewer paths than this: nothing would be known of its parts, and a thousand small lamps would take more memory than their light.
+const FEWEST_PATHS: f64 = 16.0;
 
 /// A node of the tree.
 #[derive(Clone, Debug)]
@@ -41,6 +43,8 @@ pub(crate) struct Stage {
 /// All pieces of one light.
 #[derive(Clone, Debug)]
 pub(crate) struct ApertureTree {
+    /// A piece of a smaller share is not split.
+    smallest: f64,
     /// The root is the first; children come after their parents.
     pub(crate) pieces: Vec<Piece>,
     /// Leaves in order, with the share of the flux up to each, itself included.
@@ -62,7 +66,8 @@ pub(crate) struct Emission {
 
 impl ApertureTree {
     pub(crate) fn build(light: &Light, stage: &Stage) -> Self {
-        let mut tree = Self { pieces: Vec::new(), leaves: Vec::new(), facets: Vec::new() };
+        let smallest = SMALLEST.max(FEWEST_PATHS / f64::from(light.paths));
+        let mut tree = Self { smallest, pieces: Vec::new(), leaves: Vec::new(), facets: Vec::new() };
         let frame = light.frame();
         let position = light.transform.transform_point3(Vec3::ZERO);
         match &light.aperture {
@@ -126,7 +131,7 @@ impl ApertureTree {
         // The visible disk's part: its radius shrinks with the root of the area.
         let size = f64::from(radius) / f64::from(part[1]).sqrt();
         let piece = self.push(shape, 1.0 / f64::from(part[1]), size);
-        if part[1] < 64 && light.profile == Profile::Lambert {
+        if part[1] < 64 && 1.0 / f64::from(part[1]) > self.smallest && light.profile == Profile::Lambert {
             let children =
                 [0, 1].map(|i| self.sphere(light, center, radius, [2 * part[0] + i, 2 * part[1]], stage));
             self.pieces[piece as usize].children = Some(children);
@@ -139,7 +144,7 @@ impl ApertureTree {
         let whole = if half_angle < 0.1 { 0.5 * half_angle * half_angle } else { 1.0 - half_angle.cos() };
         let size = f64::from(whole * TAU) * share;
         let piece = self.push(Shape::Sky { frame, cos, around }, share, size);
-        if half_angle > 0.0 && share > SMALLEST {
+        if half_angle > 0.0 && share > self.smallest {
             let wide = around[1] - around[0] > 1.0 + (cos[1] - cos[0]) * PI;
             let middle = |[a, b]: [f32; 2]| 0.5 * (a + b);
             let parts = if wide {
@@ -168,7 +173,7 @@ impl ApertureTree {
             around(center, light)
         };
         let piece = self.push(shape, share, size);
-        if share > SMALLEST && triangles.len() > 1 {
+        if share > self.smallest && triangles.len() > 1 {
             let (first, second) = halves(triangles);
             let area = |part: &[Polygon]| part.iter().map(|p| f64::from(p.area())).sum::<f64>();
             let of_first = area(&first) / (area(&first) + area(&second));
@@ -195,7 +200,7 @@ impl ApertureTree {
             }
         };
         let piece = self.push(shape, share, f64::from(polygon.radius()));
-        if share > SMALLEST
+        if share > self.smallest
             && let Some((first, second)) = bisect(&polygon)
         {
             let of_first = f64::from(first.area()) / (f64::from(first.area()) + f64::from(second.area()));
@@ -389,7 +394,7 @@ mod tests {
     const STAGE: Stage = Stage { center: Vec3::ZERO, radius: 10.0, lift: 1e-5 };
 
     fn light(aperture: Aperture, profile: Profile) -> Light {
-        Light { aperture, profile, flux: Vec3::ONE, transform: Affine3A::IDENTITY, paths: 1 }
+        Light { aperture, profile, flux: Vec3::ONE, transform: Affine3A::IDENTITY, paths: 100_000 }
     }
 
     fn apertures() -> Vec<Aperture> {

@@ -134,6 +134,13 @@ impl Baker {
         &self.params
     }
 
+    /// Another order of updates from now on.
+    pub fn set_order(&mut self, order: crate::UpdateOrder) {
+        self.params.order = order;
+        self.cut.set_order(order);
+        self.refresh();
+    }
+
     /// The version of the geometry that paths are traced in, and lights added under.
     pub const fn version(&self) -> GeometryVersion {
         self.version

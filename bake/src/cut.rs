@@ -131,6 +131,13 @@ impl Cut {
         }
     }
 
+    pub(crate) fn set_order(&mut self, order: UpdateOrder) {
+        self.order = order;
+        for index in 0..self.states.len() as u32 {
+            self.touch(index);
+        }
+    }
+
     /// Gives a node a state: selected, and pending.
     pub(crate) fn select(&mut self, nodes: &mut [Node], node: u32) -> u32 {
         let state = State { node, ..State::default() };
@@ -243,7 +250,8 @@ impl Cut {
         let state = &self.states[index as usize];
         let node = &forest.nodes[state.node as usize];
         let invalid = match self.order {
-            UpdateOrder::InvalidFlux => self.invalid_flux(forest, index),
+            // Its lights are subtracted and, about as many, added.
+            UpdateOrder::InvalidFlux => self.invalid_flux(forest, index) / (1 + state.baked.len() as i64),
             UpdateOrder::FirstInFirstOut => -state.since,
         };
         Urgency { invalid, flux: node.sums.flux.max(state.flux_at_bake), place: node.place }

@@ -112,7 +112,7 @@ impl Baker {
         self.objects[object as usize] = self.edit;
         let vertices: Vec<u32> = self.paths.on_object(object).collect();
         for vertex in vertices {
-            let (path, _) = self.paths.name(vertex);
+            let path = self.paths.path(vertex);
             let key = self.owner(path);
             let power = self.forest.units.flux(glam::Vec3::splat(self.paths.info(path).power));
             let lamp = self.lights.get_mut(&key).expect("a path's owner is a light");

@@ -132,6 +132,7 @@ impl Forest {
             self.nodes[index as usize] = Node { is_stale, ..node };
             return index;
         }
+        grow(&mut self.nodes);
         self.nodes.push(node);
         (self.nodes.len() - 1) as u32
     }
@@ -139,6 +140,7 @@ impl Forest {
     pub(crate) fn set_child(&mut self, parent: u32, slot: usize, child: u32) {
         if self.nodes[parent as usize].family == NONE {
             let family = self.free_families.pop().unwrap_or_else(|| {
+                grow(&mut self.families);
                 self.families.push([NONE; 8]);
                 (self.families.len() - 1) as u32
             });
@@ -436,6 +438,13 @@ impl Forest {
     /// Bytes that the trees take.
     pub(crate) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<Node>() + self.families.capacity() * size_of::<[u32; 8]>()
+    }
+}
+
+/// Makes room for one more, and few besides: twice as much would spoil the bytes per vertex.
+fn grow<T>(vec: &mut Vec<T>) {
+    if vec.len() == vec.capacity() {
+        vec.reserve_exact(vec.len() / 16 + 256);
     }
 }
 

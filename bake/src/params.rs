@@ -18,7 +18,7 @@ pub struct Bounds {
 /// What is brought up to date first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UpdateOrder {
-    /// Clusters with the most invalid flux, as in the paper.
+    /// Clusters with the most invalid flux for each light that their update takes. (The paper does not count lights.)
     #[default]
     InvalidFlux,
     /// In the order in which clusters became invalid: for comparison.
@@ -48,6 +48,8 @@ pub struct BakeParams {
     pub leaf_members: u32,
     /// t of Equation 2, between 0 and 1: the share of invalid flux at which validation and balancing take turns.
     pub interleave_at: f64,
+    /// The least share of updates that validate while both wait, from 0.5 (the paper's) to 1. Balancing costs several times as many lights and shows less.
+    pub least_validation: f64,
     /// What is brought up to date first.
     pub order: UpdateOrder,
     /// Trace a path again only from the first segment on that crosses the box of something that changed, or that starts or ends on it. The result is the same;
@@ -60,7 +62,7 @@ pub struct BakeParams {
 }
 
 impl BakeParams {
-    /// The paper's settings: 3 bounces, 3000 clusters, K = 4, `p_min` = 10, `σ_n` = 1°, `σ_d` = 0.01, t = 0.1.
+    /// The paper's settings but for `least_validation`, which is 0.9: 3 bounces, 3000 clusters, K = 4, `p_min` = 10, `σ_n` = 1°, `σ_d` = 0.01, t = 0.1.
     pub const fn new(world: Bounds, path_power: f64, group: GroupDirections) -> Self {
         Self {
             world,
@@ -73,6 +75,7 @@ impl BakeParams {
             plane_offset: 0.01,
             leaf_members: 64,
             interleave_at: 0.1,
+            least_validation: 0.9,
             order: UpdateOrder::InvalidFlux,
             skip_unaffected: true,
             seed: 0,
@@ -98,7 +101,8 @@ impl BakeParams {
         dial("plane_angle", self.plane_angle > 0.0 && self.plane_angle <= core::f32::consts::FRAC_PI_2)?;
         dial("plane_offset", self.plane_offset > 0.0 && self.plane_offset.is_finite())?;
         dial("leaf_members", self.leaf_members >= 1)?;
-        dial("interleave_at", self.interleave_at > 0.0 && self.interleave_at < 1.0)
+        dial("interleave_at", self.interleave_at > 0.0 && self.interleave_at < 1.0)?;
+        dial("least_validation", (0.5..=1.0).contains(&self.least_validation))
     }
 }
 

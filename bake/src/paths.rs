@@ -1,6 +1,6 @@
 //! All light paths: where they met surfaces, and what they left there as virtual point lights.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, sections 3.3 and 4.2. A vertex takes 52 bytes and a path 12; lists are threaded through the vertices.
+//! Luksch, Wimmer and Schwärzler 2019, sections 3.3 and 4.2. A vertex takes 48 bytes and a path 12; lists are threaded through the vertices.
 
 use glam::Vec3;
 
@@ -8,10 +8,10 @@ use crate::forest::{Member, Members, NONE};
 use crate::normal_code::decode;
 use crate::sums::{Sums, Units};
 
-/// Most vertices of a path: four bits of a vertex's name.
-pub(crate) const MAX_BOUNCES: u32 = 16;
-/// Most paths: the other bits.
+/// Most paths.
 pub(crate) const MAX_PATHS: u32 = 1 << 28;
+/// The last vertex of a path.
+const END: u32 = 1 << 31;
 
 /// What a path meets, as far as it is kept. Bits are compared to tell whether it is still there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,9 +29,7 @@ pub(crate) struct Hit {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Vertex {
     pub(crate) hit: Hit,
-    /// Path << 4 | number on its path.
-    name: u32,
-    /// The next on its path.
+    /// The next on its path; of the last, [`END`] and the path.
     next: u32,
     /// The next in its cell.
     in_cell: u32,
@@ -110,7 +108,7 @@ impl Paths {
 
     /// Vertices of a path, in order.
     pub(crate) fn on_path(&self, path: u32) -> impl Iterator<Item = u32> {
-        let some = |vertex: u32| (vertex != NONE).then_some(vertex);
+        let some = |vertex: u32| (vertex < END).then_some(vertex);
         core::iter::successors(some(self.paths[path as usize].first), move |&v| {
             some(self.vertices[v as usize].next)
         })
@@ -120,10 +118,20 @@ impl Paths {
         &self.vertices[vertex as usize].hit
     }
 
+    /// The path of a vertex.
+    pub(crate) fn path(&self, vertex: u32) -> u32 {
+        let mut next = self.vertices[vertex as usize].next;
+        while next < END {
+            next = self.vertices[next as usize].next;
+        }
+        next & !END
+    }
+
     /// The path of a vertex, and its number on it.
     pub(crate) fn name(&self, vertex: u32) -> (u32, u32) {
-        let name = self.vertices[vertex as usize].name;
-        (name >> 4, name & (MAX_BOUNCES - 1))
+        let path = self.path(vertex);
+        let number = self.on_path(path).position(|v| v == vertex).expect("a vertex is on its path");
+        (path, number as u32)
     }
 
     /// Vertices on an object, in no order that means anything.
@@ -134,17 +142,16 @@ impl Paths {
     }
 
     /// Appends a vertex to its path: after `last`, which is the path's last, or as its first. It is in no cell.
-    pub(crate) fn append(&mut self, path: u32, last: Option<u32>, number: u32, hit: Hit) -> u32 {
+    pub(crate) fn append(&mut self, path: u32, last: Option<u32>, hit: Hit) -> u32 {
         if hit.object as usize >= self.objects.len() {
             self.objects.resize(hit.object as usize + 1, NONE);
         }
         let after = self.objects[hit.object as usize];
-        let vertex =
-            Vertex { hit, name: path << 4 | number, next: NONE, in_cell: NONE, on_object: [NONE, after] };
+        let vertex = Vertex { hit, next: END | path, in_cell: NONE, on_object: [NONE, after] };
         let index = if self.free == NONE {
             if self.vertices.len() == self.vertices.capacity() {
-                // An eighth more: twice as much would spoil the bytes per vertex.
-                self.vertices.reserve_exact(self.vertices.len() / 8 + 1024);
+                // Twice as much would spoil the bytes per vertex.
+                self.vertices.reserve_exact(self.vertices.len() / 16 + 1024);
             }
             self.vertices.push(vertex);
             (self.vertices.len() - 1) as u32
@@ -172,8 +179,8 @@ impl Paths {
             Some(last) => &mut self.vertices[last as usize].next,
             None => &mut self.paths[path as usize].first,
         };
-        let mut vertex = core::mem::replace(link, NONE);
-        while vertex != NONE {
+        let mut vertex = core::mem::replace(link, END | path);
+        while vertex < END {
             let Vertex { next, on_object: [before, after], hit, .. } = self.vertices[vertex as usize];
             if before == NONE {
                 self.objects[hit.object as usize] = after;
@@ -205,10 +212,10 @@ impl Paths {
 
     /// A vertex as the octree counts it.
     fn sums(&self, vertex: u32) -> Sums {
-        let Vertex { hit, next, name, .. } = &self.vertices[vertex as usize];
+        let Vertex { hit, next, .. } = &self.vertices[vertex as usize];
         let mut sums = Sums::of_vpl(&self.units, hit.position, decode(hit.normal), hit.flux);
-        let next = (*next != NONE).then(|| self.hit(*next));
-        sums.add(&self.segment(hit.position, next, self.info(name >> 4)));
+        let next = (*next < END).then(|| self.hit(*next));
+        sums.add(&self.segment(hit.position, next, self.info(self.path(vertex))));
         sums
     }
 

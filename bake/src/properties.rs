@@ -80,7 +80,7 @@ fn a_hundred_thousand_members_come_and_go() {
         if !free.is_empty() && (alive.len() < 100 || random.u32() % 5 < 3) {
             let path = free.pop().unwrap();
             paths.set_info(path, PathInfo { power: 1.0, ..PathInfo::default() });
-            let vertex = paths.append(path, None, 0, hit(&mut random));
+            let vertex = paths.append(path, None, hit(&mut random));
             forest.insert(vertex, &mut paths, &mut cut);
             alive.push((path, vertex));
         } else {
@@ -132,7 +132,7 @@ fn balancing_ends_in_one_place() {
         cut.select(&mut forest.nodes, OCTREE);
         paths.grow(600);
         for path in 0..100 + 500 * (trial % 2) {
-            let vertex = paths.append(path, None, 0, hit(&mut random));
+            let vertex = paths.append(path, None, hit(&mut random));
             forest.insert(vertex, &mut paths, &mut cut);
         }
         let nodes = forest.nodes.len();
@@ -172,7 +172,7 @@ fn chaos(generations: [u32; 8]) -> impl Fn(&[Ray], &mut [Option<SurfaceHit>]) + 
             let object = ray.direction.cmpgt(Vec3::ZERO).bitmask();
             let [x, y, z] = ray.direction.to_array().map(f32::to_bits);
             let mut random = Random::new(x ^ generations[object as usize], y ^ ray.origin.x.to_bits(), z);
-            *hit = (random.u32() % 5 > 0).then(|| {
+            *hit = (!random.u32().is_multiple_of(5)).then(|| {
                 let Hit { position, normal, .. } = self::hit(&mut random);
                 SurfaceHit {
                     position,

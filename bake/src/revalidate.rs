@@ -200,8 +200,8 @@ impl Baker {
         self.paths.truncate(task.path, last);
         self.paths.set_info(task.path, after);
         let (mut tail, mut added) = (last, Vec::with_capacity(new.len()));
-        for (number, &hit) in (kept as u32..).zip(new) {
-            let vertex = self.paths.append(task.path, tail, number, hit);
+        for &hit in new {
+            let vertex = self.paths.append(task.path, tail, hit);
             added.push(vertex);
             tail = Some(vertex);
         }

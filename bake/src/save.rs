@@ -154,7 +154,7 @@ fn checksum(bytes: &[u8]) -> u64 {
 }
 
 /// Dials that decide what the baked light is, by name, as bits.
-fn dials(params: &BakeParams) -> [(&'static str, u64); 12] {
+fn dials(params: &BakeParams) -> [(&'static str, u64); 13] {
     let float = |x: f32| u64::from(x.to_bits());
     let corner = |v: Vec3| {
         let [x, y, z] = v.to_array().map(f32::to_bits);
@@ -172,6 +172,7 @@ fn dials(params: &BakeParams) -> [(&'static str, u64); 12] {
         ("plane_offset", float(params.plane_offset)),
         ("leaf_members", u64::from(params.leaf_members)),
         ("interleave_at", params.interleave_at.to_bits()),
+        ("least_validation", params.least_validation.to_bits()),
         ("seed", u64::from(params.seed)),
     ]
 }

@@ -109,7 +109,8 @@ impl Baker {
             // What is not baked is balanced first: that costs nothing.
             (Some(_), Some(balancing)) if self.is_free(balancing) => self.balance(balancing),
             (Some((pending, invalid, flux)), Some(balancing)) => {
-                let ratio = validation_ratio(invalid, flux, self.params.interleave_at);
+                let ratio =
+                    validation_ratio(invalid, flux, self.params.interleave_at, self.params.least_validation);
                 if self.turns.validate(ratio) {
                     self.bring_up_to_date(pending)
                 } else {

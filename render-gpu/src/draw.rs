@@ -276,6 +276,11 @@ impl Draws {
         Ok(draws)
     }
 
+    /// Entries for each receiver.
+    pub fn lights(&self) -> u32 {
+        self.method.lights()
+    }
+
     /// What is drawn from the next submission on.
     ///
     /// # Errors

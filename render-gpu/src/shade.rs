@@ -1,7 +1,7 @@
 //! Shading of surfaces by drawn lights, with a shadow ray for each.
 //!
 //! The kernel takes the rows that the samplers of this crate wrote ([`lighttree::WeightedLight`]), so nothing is read back between drawing and shading. Surfaces
-//! are Lambert, or a Lambert base under a GGX lobe (the metallic-roughness material of glTF, as the workspace's reference host has it); a host with
+//! are Lambert, a Lambert base under a GGX lobe (the metallic-roughness material of glTF, as the workspace's reference host has it), or one with a Phong lobe; a host with
 //! other materials shades by kernels of its own, from the same rows.
 //!
 //! Points on triangles are drawn by area: exact in the mean, and noisier than by solid angle for surfaces nearer than the triangle is large.
@@ -82,7 +82,7 @@ pub struct SurfaceRecord {
     pub stream: u32,
     /// Unit shading normal on the viewer's side.
     pub normal: [f32; 3],
-    /// Width of the lobe, roughness²; 0: there is no lobe.
+    /// Width of a GGX lobe, roughness²; 0: there is no lobe; negative: the lobe is Phong's, and this is minus its exponent, which is positive.
     pub alpha: f32,
     /// Unit direction to the viewer.
     pub view: [f32; 3],
@@ -122,8 +122,12 @@ pub struct ShadeParams {
     pub index: u32,
     /// Emitters in the buffer; an entry beyond counts as none.
     pub emitters: u32,
+    /// Whether what each entry gave is told; needs the buffer for it.
+    pub tell: u32,
     /// Not looked at.
-    pub spare: [u32; 3],
+    pub spare0: u32,
+    /// Not looked at.
+    pub spare1: u32,
 }
 
 /// Every record of this module that is shared.
@@ -134,6 +138,7 @@ pub const LAYOUTS: &[Layout] = &[
         interface_f0, f0, interface_f90,
     ),
     layout!(RadianceRecord, "Radiance": color, counts),
+    layout!(ShadeParams, "ShadeParams": surfaces, lights, seed, index, emitters, tell, spare0, spare1),
 ];
 
 /// The kernel that shades: once for a device and a source of rays.
@@ -150,7 +155,7 @@ impl ShadeKernel {
     pub fn new(gpu: &Gpu, rays: &RaySource) -> Result<Self, GpuError> {
         use Binding::{Read, Uniform, Write};
         let module = rays.module(gpu, &SHADE)?;
-        let bindings = [Uniform, Read, Read, Read, Write];
+        let bindings = [Uniform, Read, Read, Read, Write, Write];
         Ok(Self { kernel: Kernel::with_groups(gpu, &module, "shade", &bindings, &[&rays.layout], &[])? })
     }
 }
@@ -163,6 +168,8 @@ pub struct Shading {
     capacity: u32,
     group: BindGroup,
     radiance: Buffer,
+    /// Whether there is a buffer for outcomes.
+    tells: bool,
 }
 
 /// Threads of a workgroup.
@@ -170,7 +177,8 @@ const WIDTH: u32 = 64;
 
 impl Shading {
     /// Binds the host's `surfaces` ([`SurfaceRecord`]) and `emitters` ([`EmitterRecord`]) and the rows in `drawn`
-    /// ([`WeightedLight`](lighttree::WeightedLight)), and makes room for the radiance.
+    /// ([`WeightedLight`](lighttree::WeightedLight)), and makes room for the radiance. `outcomes` holds an f32 for each entry of `drawn`: the luminance that its
+    /// light gave, 0 in shadow, for samplers that learn.
     ///
     /// # Errors
     /// What the device has against it.
@@ -180,15 +188,18 @@ impl Shading {
         surfaces: &Buffer,
         emitters: &Buffer,
         drawn: &Buffer,
+        outcomes: Option<&Buffer>,
     ) -> Result<Self, GpuError> {
         let capacity = (surfaces.size() / size_of::<SurfaceRecord>() as u64).min(u64::from(u32::MAX)) as u32;
         let params =
             gpu.buffer("shading parameters", size_of::<ShadeParams>() as u64, BufferUsages::UNIFORM)?;
         let bytes = u64::from(capacity) * size_of::<RadianceRecord>() as u64;
         let radiance = gpu.buffer("radiance", bytes, BufferUsages::empty())?;
-        let buffers = [&params, surfaces, emitters, drawn, &radiance];
+        let nothing = gpu.buffer("no outcomes", 16, BufferUsages::empty())?;
+        let buffers = [&params, surfaces, emitters, drawn, &radiance, outcomes.unwrap_or(&nothing)];
         let group = kernel.kernel.bind(gpu, &buffers)?;
-        Ok(Self { kernel: kernel.kernel.clone(), params, capacity, group, radiance })
+        let tells = outcomes.is_some();
+        Ok(Self { kernel: kernel.kernel.clone(), params, capacity, group, radiance, tells })
     }
 
     /// What is asked for from the next submission on.
@@ -200,7 +211,8 @@ impl Shading {
             let (count, most) = (params.surfaces.into(), self.capacity.into());
             return Err(GpuError::TooMany { what: "surfaces", count, most });
         }
-        queue.write_buffer(&self.params, 0, bytemuck::bytes_of(params));
+        let params = ShadeParams { tell: params.tell & u32::from(self.tells), ..*params };
+        queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
         Ok(())
     }
 

@@ -50,7 +50,7 @@ pub use rays::{
 };
 pub use render::{
     Counts, DirectLighting, Frame, IndirectLighting, NoIndirect, Progress, RenderError, RenderParams,
-    Rendered, TILE, render,
+    Rendered, TILE, distant_light, render,
 };
 pub use requirements::Requirements;
 pub use sampled::{Draw, DrawLights, Drawn, DrawnScratch, Sampled, Walked, restart_in_stratum};

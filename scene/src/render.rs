@@ -422,7 +422,7 @@ fn render_unit<Q: Geometry, D: DirectLighting<Q>, I: IndirectLighting<Q>>(
 }
 
 /// What the lights without a place give at `point`, with shadows: each of them is asked at every point.
-pub(crate) fn distant_light<Q: Geometry>(
+pub fn distant_light<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
     rays: &mut Q::Scratch,

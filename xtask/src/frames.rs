@@ -10,6 +10,7 @@ use lighttree::{Ray, RayQueries};
 use scene::{Camera, Counts, Errors, Film, RayScratch, RenderParams, Rendered, Scene, SceneRays};
 use serde_json::{Value, json};
 
+use crate::device::Device;
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
 use crate::progress::Watched;
@@ -26,6 +27,15 @@ pub(crate) struct Kept {
     filter: Option<Filter>,
     /// Where light was gathered.
     clusters: Option<Clusters>,
+    /// Where pictures are taken with `--device gpu`.
+    pub(crate) device: Option<Device>,
+}
+
+impl Kept {
+    /// Before the first frame.
+    pub(crate) fn on(device: Option<Device>) -> Self {
+        Self { device, ..Self::default() }
+    }
 }
 
 /// What all frames have in common.
@@ -104,14 +114,27 @@ impl Sequence<'_> {
         let seed = seed_of(self.plan.seed, frame);
         let plan = Plan { seed, light_seed: seed, ..self.plan.clone() };
         let stage = Stage { scene, rays, camera: &camera };
-        let prepared = stage.prepare(&plan)?;
+        let prepared =
+            if kept.device.is_some() { stage.prepare_lights(&plan) } else { stage.prepare(&plan)? };
         seconds.build_lights = prepared.seconds;
+        let mut light_tree_bytes = prepared.bytes();
+        if let Some(device) = &mut kept.device {
+            seconds.build_rays += device.place(scene, scene.motion.moves_geometry())?;
+        }
         let start = Instant::now();
-        let mut rendered = {
-            let watched = Watched::new(&self.name_of(frame));
-            stage.render_after(&plan, &prepared, self.params, &watched, &mut kept.clusters)?
+        let watched = Watched::new(&self.name_of(frame));
+        let mut rendered = match &mut kept.device {
+            Some(device) => {
+                let lit = stage.render_on(device, &plan, &prepared, self.params, &watched)?;
+                seconds.build_lights += lit.build;
+                seconds.render -= lit.build;
+                light_tree_bytes = lit.tree_bytes;
+                lit.rendered
+            }
+            None => stage.render_after(&plan, &prepared, self.params, &watched, &mut kept.clusters)?,
         };
-        seconds.render = start.elapsed().as_secs_f64();
+        drop(watched);
+        seconds.render += start.elapsed().as_secs_f64();
 
         // Filter it.
         if frame == 0 {
@@ -141,7 +164,7 @@ impl Sequence<'_> {
             filtered,
             output: PathBuf::new(),
         };
-        let (vpls, light_tree_bytes) = (prepared.vpls, prepared.bytes());
+        let vpls = prepared.vpls;
         Ok(Taken { rendered, vpls, light_tree_bytes, error, report })
     }
 

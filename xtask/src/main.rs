@@ -1,11 +1,13 @@
 //! The one program of the workspace: `cargo xtask`.
 
+mod adapter;
 mod bake;
 mod bench;
 mod cargo;
 mod check;
 mod compare;
 mod curves;
+mod device;
 mod failure;
 mod frames;
 mod html;

@@ -13,7 +13,7 @@ use crate::methods::{self, Method};
 use crate::report::{self, Report, Seconds};
 use crate::settings::Settings;
 use crate::shot::{Gi, Plan};
-use crate::{memory, output, source, stop};
+use crate::{device, memory, output, source, stop};
 
 /// What to render, and how.
 #[derive(clap::Args)]
@@ -38,7 +38,7 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     look: LookArgs,
 
-    /// Where to render: this version renders on the cpu alone
+    /// Where to render: cpu, or gpu for the methods tree, cut and shared-cut, on the best Vulkan adapter there is
     #[arg(long, value_name = "WHERE", default_value = "cpu")]
     device: Device,
 
@@ -127,12 +127,18 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
     // Refuse what cannot work before any of the work is done.
     let total = Instant::now();
     let plan = plan(args)?;
+    let params = params(args, plan.method);
+    if args.device == Device::Gpu {
+        device::check(&plan, &params)?;
+    }
     let materials = source::material_mode(&plan.settings)?;
     output::check(&args.output)?;
     let reference =
         args.reference.as_deref().map(|path| report::reference(path, args.look.size)).transpose()?;
     stop::listen()?;
     use_threads(args.look.threads)?;
+
+    let device = (args.device == Device::Gpu).then(|| device::Device::new(&plan)).transpose()?;
 
     // Set the stage.
     let (mut scene, load_seconds) = source::load(&args.scene, materials)?;
@@ -144,7 +150,6 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
         Seconds { load: load_seconds, build_rays: start.elapsed().as_secs_f64(), ..Seconds::default() };
 
     // Take frame after frame, and write each.
-    let params = params(args, plan.method);
     let sequence = Sequence {
         plan: &plan,
         camera: &camera,
@@ -152,7 +157,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
         reference: reference.as_ref(),
         frames: args.frames,
     };
-    let (mut kept, mut counts, mut frames) = (Kept::default(), Counts::default(), Vec::new());
+    let (mut kept, mut counts, mut frames) = (Kept::on(device), Counts::default(), Vec::new());
     let mut exposure = plan.settings.number("exposure");
     let last = loop {
         let frame = frames.len() as u32;
@@ -181,6 +186,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
     seconds.total = total.elapsed().as_secs_f64();
     let report = Report {
         method: plan.method.about().name,
+        device: kept.device.as_ref(),
         scene: &scene,
         vpls: last.vpls,
         params: &params,
@@ -211,9 +217,6 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
 
 /// Everything that decides what the picture looks like, checked.
 fn plan(args: &RenderArgs) -> Result<Plan, Failure> {
-    if args.device == Device::Gpu {
-        return Err(Failure::usage("--device gpu: this version renders on the cpu; leave the option out"));
-    }
     let method = Method::named(&args.method)?;
     let settings = Settings::parse(&format!("method `{}`", args.method), &method.keys(), &args.set)?;
     if args.pixels.is_some() && Filter::is_in(&settings) {

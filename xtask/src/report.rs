@@ -5,6 +5,7 @@ use std::path::Path;
 use scene::{Counts, Errors, Film, RenderParams, Rendered, Scene};
 use serde_json::{Value, json};
 
+use crate::device::Device;
 use crate::failure::Failure;
 
 /// Wall-clock seconds of a run.
@@ -25,6 +26,8 @@ pub(crate) struct Seconds {
 /// Everything about a run that scripts may ask for.
 pub(crate) struct Report<'a> {
     pub(crate) method: &'static str,
+    /// `None`: the cpu.
+    pub(crate) device: Option<&'a Device>,
     pub(crate) scene: &'a Scene,
     pub(crate) vpls: usize,
     pub(crate) params: &'a RenderParams,
@@ -49,7 +52,7 @@ impl Report<'_> {
         let Seconds { load, build_rays, build_lights, render, total } = self.seconds;
         let mut object = json!({
             "method": self.method,
-            "device": "cpu",
+            "device": if self.device.is_some() { "gpu" } else { "cpu" },
             "scene": self.scene.name,
             "triangles": self.scene.triangle_count(),
             "lights": self.scene.lights.len() + self.scene.distant.len(),
@@ -65,6 +68,11 @@ impl Report<'_> {
             "counts": counts(self.counts),
             "bytes": { "light_tree": self.light_tree_bytes, "rays": self.rays_bytes, "peak_rss": self.peak_rss },
         });
+        if let Some(device) = self.device {
+            object["adapter"] = json!(device.name());
+            let stages = device.stages().iter().map(|(name, seconds)| (name.to_owned(), json!(seconds)));
+            object["stages"] = Value::Object(stages.collect());
+        }
         if let Some(error) = &self.error {
             object["error"] = errors_json(error);
         }
@@ -87,6 +95,12 @@ impl Report<'_> {
             "{}: {render:.2} s to render (load {load:.2}, rays {build_rays:.2}, lights {build_lights:.2}, all {total:.2}) on {} threads\n",
             self.method, self.threads
         );
+        if let Some(device) = self.device {
+            text += &format!("on {}, seconds by stage:\n", device.name());
+            for (name, seconds) in device.stages().iter() {
+                text += &format!("    {name:<16}{seconds:>10.4}\n");
+            }
+        }
         text += &format!(
             "{} shadow rays ({:.1} per camera sample), {} light evaluations",
             counts.shadow_rays,

@@ -14,6 +14,7 @@ use scene::{
 };
 use stochastic::{EnergySpread, TwoLevelSampler};
 
+use crate::device::{Device, Lit};
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
@@ -108,14 +109,7 @@ impl<'a> Stage<'a> {
     pub(crate) fn prepare(&self, plan: &Plan) -> Result<Prepared<'a>, Failure> {
         let start = Instant::now();
         let name = &self.scene.name;
-        let mut lights = Cow::Borrowed(&self.scene.lights[..]);
-        let mut vpls = 0;
-        if let Gi::Vpl(count) = plan.gi {
-            let (made, report) = scene::virtual_lights(&self.frame(plan, &lights), count, plan.bounces);
-            vpls = made.len();
-            say_what_was_lost(&report);
-            lights = Cow::Owned([&self.scene.lights[..], &made].concat());
-        }
+        let Prepared { lights, vpls, .. } = self.prepare_lights(plan);
         // What draws lights: the method itself, or what a path tracer draws them by.
         let drawing = match plan.method {
             Method::Path => Method::of_next_event(&plan.settings),
@@ -159,6 +153,35 @@ impl<'a> Stage<'a> {
             _ => Tool::Nothing,
         };
         Ok(Prepared { lights, tree, tool, vpls, seconds: start.elapsed().as_secs_f64() })
+    }
+
+    /// Traces virtual lights, and builds nothing: for a device, which builds by itself.
+    pub(crate) fn prepare_lights(&self, plan: &Plan) -> Prepared<'a> {
+        let start = Instant::now();
+        let mut lights = Cow::Borrowed(&self.scene.lights[..]);
+        let mut vpls = 0;
+        if let Gi::Vpl(count) = plan.gi {
+            let (made, report) = scene::virtual_lights(&self.frame(plan, &lights), count, plan.bounces);
+            vpls = made.len();
+            say_what_was_lost(&report);
+            lights = Cow::Owned([&self.scene.lights[..], &made].concat());
+        }
+        Prepared { lights, tree: None, tool: Tool::Nothing, vpls, seconds: start.elapsed().as_secs_f64() }
+    }
+
+    /// Takes one picture on a device, which has the scene's geometry.
+    ///
+    /// # Errors
+    /// What keeps the device from it.
+    pub(crate) fn render_on(
+        &self,
+        device: &mut Device,
+        plan: &Plan,
+        prepared: &Prepared<'_>,
+        params: &RenderParams,
+        progress: &impl Progress,
+    ) -> Result<Lit, Failure> {
+        device.render(plan, &self.frame(plan, &prepared.lights), self.camera, params, progress)
     }
 
     /// Takes one picture.

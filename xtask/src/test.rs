@@ -2,6 +2,7 @@
 
 use std::process::Command;
 
+use crate::adapter;
 use crate::cargo::{cargo, has_subcommand, run, run_for_output, workspace_root};
 use crate::failure::Failure;
 
@@ -22,14 +23,19 @@ const SEED_VARIABLE: &str = "PROPTEST_RNG_SEED";
 /// The seed where the variable is not set: the same commit gives the same verdict on any day and machine.
 const SEED: &str = "20200915";
 
-/// Runs all tests. The test runner's own summary is the last thing it prints.
+/// Runs all tests. The test runner's own summary and what kernels were tested on are the last things it prints.
 pub(crate) fn test(args: &TestArgs) -> Result<(), Failure> {
     say_where_scenes_are();
+    let adapter = adapter::find()?;
+    eprintln!("{}", adapter.for_people());
     if !args.quick {
         run_doc_tests()?;
         run_examples()?;
     }
-    run_tests(args.quick)
+    run_tests(args.quick)?;
+    // Again at the end, where a skip is seen.
+    eprintln!("{}", adapter.for_people());
+    Ok(())
 }
 
 /// Tests over real scenes say themselves when they skip; this line says it once, where it is seen.
@@ -49,6 +55,8 @@ fn run_tests(quick: bool) -> Result<(), Failure> {
     let nextest = has_subcommand("nextest");
     let runner: &[&str] = if nextest { &["nextest", "run"] } else { &["test"] };
     let mut command = cargo(runner);
+    // Mesa's layer for choosing devices finds no display and says so on every start.
+    command.env("NODEVICE_SELECT", "1");
     // The same features everywhere, so that no dependency is compiled twice for different steps.
     command.args(["--workspace", "--all-features", "--locked", "--lib", "--bins", "--tests"]);
     if nextest {

@@ -1,4 +1,4 @@
-// Twin of `Bsdf::scatter` in scene/src/bsdf.rs and of `Ggx::scatter` in scene/src/bsdf/ggx.rs: Lambert, and a Lambert base under a GGX lobe.
+// Twin of `Bsdf::scatter` in scene/src/bsdf.rs: Lambert, a Lambert base under a GGX lobe (bsdf/ggx.rs), and one with a Phong lobe (bsdf/phong.rs).
 // Needs records.wgsl.
 
 const INVERSE_PI: f32 = 0.31830987;
@@ -29,6 +29,13 @@ fn scatter(surface: LitSurface, wi: vec3f) -> vec3f {
         return surface.base * cos_i;
     }
     let cos_o = dot(surface.normal, surface.view);
+    if (surface.alpha < 0.0) {
+        // Lafortune and Willems 1994; the exponent is -alpha.
+        let mirrored = normalize(2.0 * cos_o * surface.normal - surface.view);
+        let cosine = max(dot(mirrored, wi), 0.0);
+        let lobe = (2.0 - surface.alpha) * 0.5 * INVERSE_PI * select(0.0, pow(cosine, -surface.alpha), cosine > 0.0);
+        return (surface.base + surface.f0 * lobe) * cos_i;
+    }
     if (cos_o <= 0.0) {
         return vec3f(0.0);
     }

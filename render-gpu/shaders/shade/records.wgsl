@@ -31,7 +31,7 @@ struct LitSurface {
     // Of the random numbers for places on lights, the pixel as a rule.
     stream: u32,
     normal: vec3f,
-    // Width of the lobe, roughness squared.
+    // Width of a GGX lobe, roughness squared; 0: none; negative: minus the exponent of a Phong lobe.
     alpha: f32,
     view: vec3f,
     // Reflectance of the lobe at grazing incidence.

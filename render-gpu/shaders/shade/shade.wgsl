@@ -12,9 +12,10 @@ struct ShadeParams {
     index: u32,
     // Emitters in the buffer: an entry beyond draws nothing.
     emitters: u32,
+    // Whether `outcomes` has room for what each entry gave.
+    tell: u32,
     spare0: u32,
     spare1: u32,
-    spare2: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: ShadeParams;
@@ -22,6 +23,8 @@ struct ShadeParams {
 @group(0) @binding(2) var<storage, read> emitters: array<Emitter>;
 @group(0) @binding(3) var<storage, read> drawn: array<WeightedLight>;
 @group(0) @binding(4) var<storage, read_write> lit: array<Radiance>;
+// Of each entry the luminance that its light gave, 0 in shadow, not weighted: for those who learn.
+@group(0) @binding(5) var<storage, read_write> outcomes: array<f32>;
 
 // Keeps places on lights apart from choices of lights.
 const PLACES: u32 = 0x504c4143u;
@@ -42,6 +45,9 @@ fn shade(
     var counts = 0u;
     for (var j = 0u; j < params.lights; j++) {
         let entry = drawn[i * params.lights + j];
+        if (params.tell != 0u) {
+            outcomes[i * params.lights + j] = 0.0;
+        }
         if (entry.light >= params.emitters || entry.weight <= 0.0) {
             continue;
         }
@@ -61,6 +67,9 @@ fn shade(
         counts += 1u;
         if (!trace_occluded(start, light.end)) {
             sum += entry.weight * value;
+            if (params.tell != 0u) {
+                outcomes[i * params.lights + j] = 0.2126 * value.x + 0.7152 * value.y + 0.0722 * value.z;
+            }
         }
     }
     lit[i] = Radiance(sum, counts);

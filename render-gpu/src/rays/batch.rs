@@ -8,7 +8,7 @@ use super::records::{HitRecord, RayRecord, SegmentRecord};
 use super::{RayGeometry, RaySource};
 use crate::kernel::{Binding, Kernel};
 use crate::source::{Source, source};
-use crate::{Gpu, GpuError};
+use crate::{Gpu, GpuError, StageTimes};
 
 pub(crate) const CLOSEST: Source = source!(
     "closest",
@@ -65,11 +65,12 @@ impl RayKernels {
 /// Batches of rays against one geometry: implements [`BatchRayQueries`].
 ///
 /// Buffers grow to the largest batch asked for, up to 2 million rays; larger batches are cut.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct DeviceRays {
     gpu: Gpu,
     kernels: RayKernels,
     geometry: RayGeometry,
+    times: StageTimes,
     /// For rays and segments, whose records are of one size.
     asked: Option<Batch>,
 }
@@ -101,7 +102,14 @@ impl DeviceRays {
     /// What the device has against it, or against the WGSL.
     pub fn with_source(gpu: &Gpu, geometry: RayGeometry, source: &RaySource) -> Result<Self, GpuError> {
         let kernels = RayKernels::new(gpu, source)?;
-        Ok(Self { gpu: gpu.clone(), kernels, geometry, asked: None })
+        let times = StageTimes::new(gpu, 1)?;
+        Ok(Self { gpu: gpu.clone(), kernels, geometry, times, asked: None })
+    }
+
+    /// Seconds that the kernel took in the last dispatch, by the device's clock; `None` without one, or before.
+    pub fn kernel_seconds(&self) -> Option<f64> {
+        let spans = self.times.seconds(&self.gpu).ok()?;
+        spans.first().map(|&(_, seconds)| seconds)
     }
 
     /// The geometry.
@@ -110,7 +118,7 @@ impl DeviceRays {
     }
 
     /// Buffers for `count` rays at least.
-    fn batch(&mut self, count: usize) -> Result<&Batch, GpuError> {
+    fn batch(&mut self, count: usize) -> Result<(), GpuError> {
         let fits = self.asked.as_ref().is_some_and(|batch| batch.capacity >= count);
         if !fits {
             let capacity = count.next_power_of_two();
@@ -129,7 +137,7 @@ impl DeviceRays {
             let occluded = self.kernels.occluded.bind(&self.gpu, &buffers)?;
             self.asked = Some(Batch { capacity, params, asked, answers, closest, occluded });
         }
-        self.asked.as_ref().ok_or(GpuError::DeviceLost)
+        Ok(())
     }
 
     /// Uploads `asked`, runs one kernel, and reads as many answers.
@@ -137,15 +145,21 @@ impl DeviceRays {
         let gpu = self.gpu.clone();
         let bind_group = self.geometry.bind_group().clone();
         let kernel = if closest { self.kernels.closest.clone() } else { self.kernels.occluded.clone() };
-        let batch = self.batch(asked.len())?;
+        self.batch(asked.len())?;
+        let Some(batch) = &self.asked else { return Err(GpuError::DeviceLost) };
+        let times = &mut self.times;
         gpu.write(&batch.asked, asked)?;
         let count = asked.len() as u32;
         gpu.write(&batch.params, &[BatchParams { count, spare: [0; 3] }])?;
         let group = if closest { &batch.closest } else { &batch.occluded };
         gpu.run("rays", |encoder: &mut CommandEncoder| {
+            times.begin(encoder);
             let mut pass = encoder.begin_compute_pass(&Default::default());
             pass.set_bind_group(1, &bind_group, &[]);
             kernel.dispatch(&mut pass, group, count.div_ceil(WIDTH));
+            drop(pass);
+            times.mark(encoder, "rays");
+            times.end(encoder);
         })?;
         gpu.read(&batch.answers, asked.len())
     }

@@ -69,6 +69,21 @@ impl Ggx {
         self.f0
     }
 
+    /// Reflectance of the lobe at grazing incidence.
+    pub const fn f90(&self) -> f32 {
+        self.f90
+    }
+
+    /// Reflectance of the dielectric interface over the base at normal and at grazing incidence.
+    pub const fn interface(&self) -> [f32; 2] {
+        self.interface
+    }
+
+    /// Albedo of the base ÷ (1 - F̄) ÷ π: what the light that gets through the interface both ways is multiplied by.
+    pub const fn base(&self) -> Vec3 {
+        self.base
+    }
+
     /// Width of the lobe, roughness², at least [`MIN_ALPHA`](Self::MIN_ALPHA).
     pub const fn alpha(&self) -> f32 {
         self.alpha

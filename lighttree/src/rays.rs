@@ -101,6 +101,40 @@ pub trait RayQueries {
     }
 }
 
+impl<Q: RayQueries> RayQueries for &Q {
+    type Scratch = Q::Scratch;
+
+    fn closest(&self, ray: &Ray, scratch: &mut Self::Scratch) -> Option<RayHit> {
+        (**self).closest(ray, scratch)
+    }
+
+    fn occluded(&self, segment: &Segment, scratch: &mut Self::Scratch) -> bool {
+        (**self).occluded(segment, scratch)
+    }
+
+    fn closest_each(&self, rays: &[Ray], hits: &mut [Option<RayHit>], scratch: &mut Self::Scratch) {
+        (**self).closest_each(rays, hits, scratch);
+    }
+
+    fn occluded_each(&self, segments: &[Segment], occluded: &mut [bool], scratch: &mut Self::Scratch) {
+        (**self).occluded_each(segments, occluded, scratch);
+    }
+
+    fn occluded_via(&self, segment: &Segment, blocker: &mut u32, scratch: &mut Self::Scratch) -> bool {
+        (**self).occluded_via(segment, blocker, scratch)
+    }
+
+    fn occluded_from(
+        &self,
+        origin: Vec3,
+        targets: &[Vec3],
+        occluded: &mut [bool],
+        scratch: &mut Self::Scratch,
+    ) {
+        (**self).occluded_from(origin, targets, occluded, scratch);
+    }
+}
+
 /// Many rays at once: CPU threads or one dispatch. What [`BatchLightSampler`](crate::BatchLightSampler) is to lights.
 ///
 /// Contract: the answers are those of [`RayQueries`] for the same geometry, ray by ray, and do not depend on how a batch is

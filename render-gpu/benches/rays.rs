@@ -8,7 +8,7 @@
 //! clock; best of five rounds. On a software driver both share the same cores. Then criterion keeps a history of a row.
 
 #[path = "../tests/common/scenes.rs"]
-#[allow(dead_code, reason = "tests use the rest")]
+#[allow(dead_code, unreachable_pub, reason = "tests use the rest")]
 mod scenes;
 
 use std::hint::black_box;

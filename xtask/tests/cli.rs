@@ -52,6 +52,50 @@ fn keys(object: &Value) -> Vec<&str> {
     object.as_object().expect("an object").keys().map(String::as_str).collect()
 }
 
+/// The methods that a device has give the CPU's picture, from the same lights where both build the same tree.
+#[test]
+fn a_device_takes_the_picture_of_the_cpu() {
+    let folder = folder();
+    let probe = ["hall:60", "--method", "tree", "--spp", "1", "--device", "gpu", "--size", "8x8"];
+    let output = xtask(folder.path(), &[&["render"], &probe[..]].concat());
+    if !output.status.success() {
+        let reason = text(&output.stderr);
+        assert!(std::env::var_os("LIGHTTREE_REQUIRE_GPU").is_none(), "{reason}");
+        assert!(reason.contains("no Vulkan adapter"), "{reason}");
+        return eprintln!("SKIPPED: {reason}");
+    }
+    let take = |method: &str, size: &str, spp: &str, more: &[&str]| {
+        let options =
+            ["hall:60", "--method", method, "--set", "builder=perfect", "--spp", spp, "--size", size];
+        render(folder.path(), &[&options[..], more].concat())
+    };
+    let error = |json: &Value| json["error"]["relmse"].as_f64().expect("an error");
+    let on_device = ["-o", "gpu.exr", "--device", "gpu", "--reference", "cpu.exr"];
+
+    // Walks draw the same lights; another seed draws others.
+    take("tree", "48x32", "4", &["-o", "cpu.exr"]);
+    let json = take("tree", "48x32", "4", &on_device);
+    assert_eq!(json["device"], "gpu");
+    assert!(json["stages"].as_object().is_some_and(|stages| stages.len() > 4), "{json}");
+    assert!(error(&json) < 1e-3, "{json}");
+    let other = take("tree", "48x32", "4", &[&on_device[..], &["--seed", "2"]].concat());
+    assert!(error(&other) > 1e-2, "{other}");
+
+    // Cuts are made from other random numbers: the same picture but for noise.
+    for method in ["cut", "shared-cut"] {
+        take(method, "24x16", "64", &["-o", "cpu.exr"]);
+        let json = take(method, "24x16", "64", &on_device);
+        assert!(error(&json) < 0.15, "{method}: {json}");
+    }
+
+    // Two frames of a scene that moves.
+    let json = render(
+        folder.path(),
+        &["sun:200", "--method", "tree", "--spp", "1", "--device", "gpu", "--frames", "2"],
+    );
+    assert_eq!(json["frames"].as_array().map(Vec::len), Some(2), "{json}");
+}
+
 #[test]
 fn json_has_every_key_that_scripts_read() {
     let folder = folder();
@@ -264,7 +308,13 @@ fn bad_calls_exit_with_2_and_say_what_to_write() {
     refuses(&["render", "--size", "24"], 2, &["--size", "WIDTHxHEIGHT"]);
     refuses(&["render", "--spp", "0"], 2, &["--spp"]);
     refuses(&["render", "--frames", "0"], 2, &["--frames"]);
-    refuses(&["render", "--device", "gpu"], 2, &["gpu", "leave the option out"]);
+    let on_device = |arguments: &[&str], words: &[&str]| {
+        refuses(&[&["render", "--device", "gpu"], arguments].concat(), 2, words);
+    };
+    on_device(&[], &["gpu", "lightcut", "shared-cut"]);
+    on_device(&["--method", "tree", "--pixels", "9"], &["gpu", "--pixels"]);
+    on_device(&["--method", "tree", "--set", "builder=median"], &["gpu", "median", "perfect"]);
+    on_device(&["--method", "cut", "--set", "lights=64"], &["gpu", "64", "32"]);
     refuses(&["render", "-o", "picture.jpg"], 2, &["picture.jpg", ".exr"]);
     refuses(&["render", "-o", "nowhere/picture.exr"], 2, &["nowhere", "make it first"]);
     refuses(&["render", "--nonsense"], 2, &["--nonsense", "--help"]);

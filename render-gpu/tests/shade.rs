@@ -105,7 +105,7 @@ fn differ(device: &[RadianceRecord], host: &[(DVec3, u32, u32)], tolerance: f64)
     let is_far = |(device, (color, ..)): (&RadianceRecord, &(DVec3, u32, u32))| {
         let away = (Vec3::from(device.color).as_dvec3() - *color).abs().element_sum();
         // Also where it is not a number.
-        !(away <= tolerance * color.element_sum().max(0.01 * mean))
+        away.is_nan() || away > tolerance * color.element_sum().max(0.01 * mean)
     };
     device.iter().zip(host).filter(|&pair| is_far(pair)).count()
 }

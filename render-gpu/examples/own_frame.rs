@@ -6,8 +6,8 @@
 use lighttree::{ChildChoice, WeightedLight};
 use render_gpu::draw::{CutOptions, DrawKernels, DrawRequest, Draws, Method};
 use render_gpu::tree::{DeviceTree, Sort, TreeKernels};
-use render_gpu::{Gpu, GpuError, required_limits};
-use wgpu::BufferUsages;
+use render_gpu::{Gpu, GpuError, StageTimes, required_limits};
+use wgpu::{BufferUsages, Features};
 
 const WIDTH: u32 = 96;
 const HEIGHT: u32 = 54;
@@ -125,6 +125,8 @@ fn main() -> Result<(), Box<dyn core::error::Error>> {
     let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))?;
     let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
         required_limits: required_limits(),
+        // Only to see how long stages take.
+        required_features: adapter.features() & Features::TIMESTAMP_QUERY,
         ..Default::default()
     }))?;
     let (mean, truth) = run(&device, &queue, 16)?;
@@ -224,19 +226,29 @@ pub fn run(device: &wgpu::Device, queue: &wgpu::Queue, frames: u32) -> Result<(f
         picture.iter().flat_map(|pixel| &pixel[..3]).map(|&x| f64::from(x)).sum::<f64>()
             / (3.0 * pixels as f64)
     };
+    let mut times = StageTimes::new(&gpu, 4)?;
     let mut mean = 0.0;
     for number in 0..frames {
         queue.write_buffer(&frame, 0, bytemuck::bytes_of(&[number, WIDTH, HEIGHT, DRAWN]));
         draws.set_request(queue, &DrawRequest { seed: 1, index: number, ..DrawRequest::default() })?;
 
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        times.begin(&mut encoder);
         own(&mut encoder, &move_lights, LIGHTS);
         own(&mut encoder, &see, WIDTH * HEIGHT);
+        times.mark(&mut encoder, "the host's own");
         tree.encode_build(&mut encoder);
+        times.mark(&mut encoder, "light tree");
         draws.encode(&mut encoder);
+        times.mark(&mut encoder, "light samples");
         own(&mut encoder, &shade, WIDTH * HEIGHT);
+        times.mark(&mut encoder, "shading");
+        times.end(&mut encoder);
         queue.submit([encoder.finish()]);
         mean += value(&gpu.read(&picture, pixels as usize)?) / f64::from(frames);
+    }
+    for (stage, seconds) in times.seconds(&gpu)? {
+        println!("{stage:<16} {:8.3} ms", 1e3 * seconds);
     }
     gpu.run("truth", |encoder| own(encoder, &shade_all, WIDTH * HEIGHT))?;
     Ok((mean, value(&gpu.read(&picture, pixels as usize)?)))

@@ -24,3 +24,8 @@ fn receiver_scatter(receiver: Receiver, box: Toward) -> f32 {
     }
     return scattered;
 }
+
+// The same as lobes, for distributions over cuts.
+fn receiver_lobes(receiver: Receiver) -> Lobes {
+    return Lobes(receiver.normal, receiver.diffuse, receiver.axis, receiver.peak, receiver.width_squared);
+}

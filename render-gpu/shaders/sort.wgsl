@@ -108,6 +108,9 @@ var<workgroup> pair_totals: array<u32, 32>;
 var<workgroup> local_starts: array<u32, DIGITS>;
 var<workgroup> global_starts: array<u32, DIGITS>;
 var<workgroup> block_total: u32;
+// Numbers of a digit here and everywhere, and of eight digits that follow one another.
+var<workgroup> totals: array<vec2u, DIGITS>;
+var<workgroup> eighths: array<vec2u, 8>;
 
 fn half_of(word: u32, digit: u32) -> u32 {
     return (word >> (16u * (digit & 1u))) & 0xffffu;
@@ -173,21 +176,26 @@ fn scatter(
     workgroupBarrier();
 
     // A digit begins where all smaller ones end: here, and in the output.
-    var local_start = 0u;
-    var global_start = 0u;
-    var all = 0u;
-    for (var d = 0u; d < DIGITS; d++) {
-        let here = half_of(pair_totals[d / 2u], d);
-        let everywhere = words[total(d)];
-        local_start += select(0u, here, d < thread);
-        global_start += select(0u, everywhere, d < thread);
-        all += here;
+    totals[thread] = vec2u(half_of(pair_totals[thread / 2u], thread), words[total(thread)]);
+    workgroupBarrier();
+    if (thread < 8u) {
+        var sum = vec2u(0u);
+        for (var d = 8u * thread; d < 8u * thread + 8u; d++) {
+            sum += totals[d];
+        }
+        eighths[thread] = sum;
     }
-    local_starts[thread] = local_start;
+    workgroupBarrier();
+    var start = vec2u(0u);
+    for (var i = 0u; i < 8u; i++) {
+        start += select(vec2u(0u), eighths[i], i < thread / 8u);
+        start += select(vec2u(0u), totals[(thread & 56u) + i], i < (thread & 7u));
+    }
+    local_starts[thread] = start.x;
     // A workgroup beyond all blocks has nothing to write, nor a column to read.
-    global_starts[thread] = global_start + words[table(thread, min(block, params.blocks - 1u))];
-    if (thread == 0u) {
-        block_total = all;
+    global_starts[thread] = start.y + words[table(thread, min(block, params.blocks - 1u))];
+    if (thread == DIGITS - 1u) {
+        block_total = start.x + totals[thread].x;
     }
     workgroupBarrier();
 

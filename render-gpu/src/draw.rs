@@ -126,17 +126,11 @@ impl Method {
 
     /// The first number that is out of its range.
     fn check(&self) -> Result<(), GpuError> {
-        let within = |what, count: u32, least: u32, most: u32| {
-            if (least..=most).contains(&count) {
-                return Ok(());
-            }
-            Err(GpuError::Range { what, count, least, most })
-        };
         match *self {
             Self::Tree { lights } => within("lights for each receiver", lights, 1, 65535),
-            Self::Cut(cut) => cut.check(within),
+            Self::Cut(cut) => cut.check(),
             Self::SharedCut { cut, width, height, block, interleave } => {
-                cut.check(within)?;
+                cut.check()?;
                 within("columns", width, 1, 1 << 16)?;
                 within("rows", height, 1, 1 << 16)?;
                 within("pixels along a block", block, 1, 64)?;
@@ -165,13 +159,18 @@ impl Method {
 }
 
 impl CutOptions {
-    fn check(
-        &self,
-        within: impl Fn(&'static str, u32, u32, u32) -> Result<(), GpuError>,
-    ) -> Result<(), GpuError> {
+    fn check(&self) -> Result<(), GpuError> {
         within("nodes of a cut", self.nodes, 1, MOST_NODES)?;
         within("lights from each node", self.per_node, 1, MOST_PER_NODE)
     }
+}
+
+/// Whether a number is in its range.
+pub(crate) fn within(what: &'static str, count: u32, least: u32, most: u32) -> Result<(), GpuError> {
+    if (least..=most).contains(&count) {
+        return Ok(());
+    }
+    Err(GpuError::Range { what, count, least, most })
 }
 
 /// The kernels that draw, for one kind of receiver: once for a device.
@@ -215,7 +214,7 @@ impl DrawKernels {
 }
 
 /// As `shaders/lib/walk.wgsl` numbers them.
-fn choice_number(choice: ChildChoice) -> f64 {
+pub(crate) fn choice_number(choice: ChildChoice) -> f64 {
     match choice {
         ChildChoice::MinMaxAverage => 0.0,
         ChildChoice::Yuksel2019 => 1.0,

@@ -13,6 +13,7 @@
 //! - **Numbers.** WGSL has no f64 and may assume that there is no NaN. Where the CPU asks f64 a kernel takes what is safe: a light that might contribute is
 //!   never impossible. So a walk on a device differs from one on the CPU now and then, where two probabilities differ in the last bits; both are right.
 
+pub mod cdf;
 pub mod draw;
 mod error;
 pub mod filter;

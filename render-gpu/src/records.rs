@@ -80,6 +80,20 @@ pub struct DrawParams {
     pub block: u32,
     /// Side of the sub-blocks that a cut is interleaved over, pixels.
     pub interleave: u32,
+    /// Of distributions: 1 if anything is learned, otherwise 0.
+    pub learn: u32,
+    /// Share of the draws that does not go by what was learned, in [0, 1].
+    pub defensive: f32,
+}
+
+/// What an entry that was drawn from a distribution over a cut is to be learned by.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct NodeTag {
+    /// Place of its node in the cut; `u32::MAX` if none was drawn.
+    pub node: u32,
+    /// 1 ÷ (probability of the light below the node × the node's weight); 0 if no light was drawn.
+    pub scale: f32,
 }
 
 /// Size and offsets of a record.
@@ -113,7 +127,8 @@ pub const LAYOUTS: &[Layout] = &[
     layout!(crate::ReceiverRecord, "Receiver": position, diffuse, normal, peak, axis, width_squared),
     layout!(
         DrawParams, "DrawParams": receivers, lights, seed, index, first_stream, nodes, per_node, distance_floor, width,
-        height, block, interleave,
+        height, block, interleave, learn, defensive,
     ),
+    layout!(NodeTag, "NodeTag": node, scale),
     layout!(TreeHeader, "TreeHeader": min, len, scale, depth, dropped, invalid, unit_exponent, inner, starts),
 ];

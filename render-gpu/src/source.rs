@@ -57,4 +57,6 @@ pub const ALL: &[Source] = &[
     crate::filter::SOURCES[10],
     crate::filter::SOURCES[11],
     crate::filter::SOURCES[12],
+    crate::cdf::DRAW_CDF,
+    crate::cdf::LEARN,
 ];

@@ -21,6 +21,16 @@ struct DrawParams {
     height: u32,
     block: u32,
     interleave: u32,
+    // Of distributions: whether anything is learned, and the share of draws that does not go by it.
+    learn: u32,
+    defensive: f32,
+}
+
+// What an entry is to be learned by: the place of its node in the cut (NONE if none was drawn), and 1 ÷ (probability below it × the
+// node's weight), 0 if no light was.
+struct NodeTag {
+    node: u32,
+    scale: f32,
 }
 
 struct WeightedLight {

@@ -87,3 +87,12 @@ fn toward_fall(box: Toward, axis: vec3f, width_squared: f32) -> f32 {
     let fall = wide / (wide + 0.5 * (1.0 - width_squared) * short);
     return fall * fall;
 }
+
+// About how a surface scatters: `lighttree::ScatterLobes`.
+struct Lobes {
+    normal: vec3f,
+    diffuse: f32,
+    axis: vec3f,
+    peak: f32,
+    width_squared: f32,
+}

@@ -4,7 +4,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use cutinterp::{FirstNodes, Hidden, InputCut, LevelMetric, Levels, MergedCuts, Streaming};
+use cutinterp::{Canopy, FirstNodes, Hidden, InputCut, LevelMetric, Levels, MergedCuts, Streaming};
 use glam::Vec3;
 use lighttree::rng::Random;
 use lighttree::{
@@ -65,6 +65,22 @@ fn interpolate(c: &mut Criterion) {
     group.bench_function("merge", |b| {
         b.iter(|| {
             merged.merge(&tree, &levels, black_box(&inputs), Hidden::Keep);
+            merged.len()
+        });
+    });
+    let canopy = Canopy::over(&tree, &levels, cuts.iter().map(Cut::nodes));
+    let renamed: Vec<Vec<NodeId>> = cuts
+        .iter()
+        .map(|cut| {
+            let mut nodes = cut.nodes().to_vec();
+            canopy.rename(&mut nodes);
+            nodes
+        })
+        .collect();
+    let in_canopy: Vec<_> = renamed.iter().map(|nodes| InputCut { nodes, visible: &visible }).collect();
+    group.bench_function("merge in a canopy", |b| {
+        b.iter(|| {
+            merged.merge_in(&canopy, black_box(&in_canopy), Hidden::Keep);
             merged.len()
         });
     });

@@ -18,10 +18,12 @@
 //! once and keeps, for every node between the coarsest and the finest of them, the inputs' mean levels and visibilities; and
 //! [`MergedCuts::select`] goes through that list with the weights of one receiver, three or four nanoseconds a node.
 
-use glam::Vec4;
+use core::ops::Range;
+
+use glam::{DVec4, Vec4};
 use lighttree::{LightHierarchy, NodeId};
 
-use crate::Levels;
+use crate::{Canopy, Level, Levels};
 
 /// A cut to interpolate from.
 #[derive(Clone, Copy, Debug)]
@@ -59,8 +61,8 @@ pub enum Hidden {
 
 /// Several cuts of one tree laid over one another, ready to be interpolated with any weights.
 ///
-/// Memory: 48 bytes a node for up to four inputs and 32 more for each further four; beside that some 24 and 20 an input for each node of the largest
-/// subtree on which the inputs differ. Kept from merge to merge.
+/// Memory: 48 bytes a node for up to four inputs and 32 more for each further four; beside that some 24, and 64 for each four inputs, for each node
+/// of the largest subtree on which the inputs differ. Kept from merge to merge.
 #[derive(Debug, Default)]
 pub struct MergedCuts {
     /// All nodes from the coarsest of the inputs to the finest, parents before children, left to right.
@@ -91,20 +93,68 @@ enum Agreed {
     Neither,
 }
 
-/// What merging needs in passing.
+/// What merging asks of a tree.
+trait Topology {
+    fn children(&self, node: NodeId) -> Range<u32>;
+    fn level(&self, node: NodeId) -> &Level;
+}
+
+/// All of a tree.
+struct Whole<'a, T: ?Sized> {
+    tree: &'a T,
+    levels: &'a Levels,
+}
+
+impl<T: LightHierarchy + ?Sized> Topology for Whole<'_, T> {
+    #[inline]
+    fn children(&self, node: NodeId) -> Range<u32> {
+        self.tree.children(node)
+    }
+    #[inline]
+    fn level(&self, node: NodeId) -> &Level {
+        self.levels.at(self.tree.node_index(node))
+    }
+}
+
+impl Topology for Canopy {
+    #[inline]
+    fn children(&self, node: NodeId) -> Range<u32> {
+        Self::children(self, node)
+    }
+    #[inline]
+    fn level(&self, node: NodeId) -> &Level {
+        Self::level(self, node)
+    }
+}
+
+/// What merging needs in passing. Inputs go in blocks of four; the last block is filled up with the first input, which changes no mean, no
+/// agreement and no difference.
 #[derive(Debug, Default)]
 struct Walk {
     /// Next node of each input.
     cursors: Vec<usize>,
     pending: Vec<(NodeId, u32)>,
-    /// For each pending node, which node of each input covers it, or `NONE`.
-    covers: Vec<u32>,
-    covering: Vec<u32>,
+    /// For each pending node one block per four inputs: what covers it.
+    covers: Vec<Cover>,
+    covering: Vec<Cover>,
     region: Vec<InRegion>,
     sums: Vec<Sums>,
 }
 
 const NONE: u32 = u32::MAX;
+
+/// The nodes of four inputs that cover one node.
+#[derive(Clone, Copy, Debug)]
+struct Cover {
+    /// Their levels; negative where the input is still further down.
+    level: Vec4,
+    /// 1 where they are seen, else 0.
+    seen: Vec4,
+}
+
+impl Cover {
+    const NOBODY: Self = Self { level: Vec4::NEG_ONE, seen: Vec4::ZERO };
+}
 
 /// An entry of the region at work.
 #[derive(Clone, Copy, Debug)]
@@ -116,13 +166,13 @@ struct InRegion {
     intensity: f64,
 }
 
-/// Of one input below one entry.
+/// Of four inputs below one entry.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     /// Level times lights. In f64: 2²⁴ lights of level 24 are exact.
-    level: f64,
+    level: DVec4,
     /// Visibility times intensity.
-    seen: f64,
+    seen: DVec4,
 }
 
 impl MergedCuts {
@@ -137,6 +187,19 @@ impl MergedCuts {
         inputs: &[InputCut<'_>],
         hidden: Hidden,
     ) {
+        self.merge_over(&Whole { tree, levels }, inputs, hidden);
+    }
+
+    /// As [`merge`](Self::merge), for cuts of a canopy, several times faster where the whole tree does not fit into a processor's cache. Same result, but for
+    /// the names of nodes, which are the canopy's.
+    ///
+    /// # Panics
+    /// If there is no input, or one of them is not a cut of `canopy`, or has too few words of visibility.
+    pub fn merge_in(&mut self, canopy: &Canopy, inputs: &[InputCut<'_>], hidden: Hidden) {
+        self.merge_over(canopy, inputs, hidden);
+    }
+
+    fn merge_over(&mut self, tree: &impl Topology, inputs: &[InputCut<'_>], hidden: Hidden) {
         assert!(!inputs.is_empty(), "there must be a cut to interpolate from");
         self.inputs = inputs.len();
         self.entries.clear();
@@ -150,8 +213,8 @@ impl MergedCuts {
             if inputs.iter().zip(&self.walk.cursors).all(|(input, &at)| input.nodes.get(at) == Some(&node)) {
                 self.push_common(node, inputs, hidden);
             } else {
-                let coarsest = self.coarsest(tree, levels, inputs);
-                self.push_region(tree, levels, inputs, coarsest, hidden);
+                let coarsest = self.coarsest(tree, inputs);
+                self.push_region(tree, inputs, coarsest, hidden);
             }
         }
         let ended = inputs.iter().zip(&self.walk.cursors).all(|(input, &at)| at == input.nodes.len());
@@ -192,12 +255,28 @@ impl MergedCuts {
     /// # Panics
     /// If there are not as many weights as inputs.
     pub fn select(&self, weights: &[f32], finer_beyond: f32, chosen: &mut Vec<Chosen>) {
+        self.select_refining(weights, finer_beyond, |_| true, chosen);
+    }
+
+    /// As [`select`](Self::select), where `refine` decides about each entry whose inputs' mean levels differ by more than `beyond`: whether
+    /// the cut goes below it. It is not asked about entries that have none below, as in the finest input. The cut is valid whatever it says, and
+    /// neither coarser than the coarsest nor finer than the finest input. The paper's authors name this as future work.
+    ///
+    /// # Panics
+    /// If there are not as many weights as inputs.
+    pub fn select_refining(
+        &self,
+        weights: &[f32],
+        beyond: f32,
+        refine: impl FnMut(u32) -> bool,
+        chosen: &mut Vec<Chosen>,
+    ) {
         assert_eq!(weights.len(), self.inputs, "one weight per input");
         chosen.clear();
         let weights = Weights::new(weights);
         let first = weights.block(0);
         if self.inputs <= 4 {
-            self.select_with(|of, entry| of[entry].dot(first), finer_beyond, chosen);
+            self.select_with(|of, entry| of[entry].dot(first), beyond, refine, chosen);
         } else {
             let lanes = self.lanes();
             let dot = |of: &[Vec4], entry: usize| {
@@ -207,15 +286,23 @@ impl MergedCuts {
                     .map(|(of, block)| of.dot(weights.block(block)))
                     .sum()
             };
-            self.select_with(dot, finer_beyond, chosen);
+            self.select_with(dot, beyond, refine, chosen);
         }
     }
 
     #[inline]
-    fn select_with(&self, dot: impl Fn(&[Vec4], usize) -> f32, finer_beyond: f32, chosen: &mut Vec<Chosen>) {
+    fn select_with(
+        &self,
+        dot: impl Fn(&[Vec4], usize) -> f32,
+        beyond: f32,
+        mut refine: impl FnMut(u32) -> bool,
+        chosen: &mut Vec<Chosen>,
+    ) {
         let mut at = 0;
         while let Some(entry) = self.entries.get(at) {
-            if dot(&self.excess, at) >= 0.0 || entry.spread > finer_beyond {
+            let goes_on =
+                if entry.spread > beyond { refine(at as u32) } else { dot(&self.excess, at) >= 0.0 };
+            if goes_on {
                 at += 1;
                 continue;
             }
@@ -237,7 +324,7 @@ impl MergedCuts {
             + (self.excess.capacity() + self.seen.capacity()) * size_of::<Vec4>()
             + cursors.capacity() * size_of::<usize>()
             + pending.capacity() * size_of::<(NodeId, u32)>()
-            + (covers.capacity() + covering.capacity()) * size_of::<u32>()
+            + (covers.capacity() + covering.capacity()) * size_of::<Cover>()
             + region.capacity() * size_of::<InRegion>()
             + sums.capacity() * size_of::<Sums>()
     }
@@ -248,46 +335,35 @@ impl MergedCuts {
 
     /// A node that all inputs have.
     fn push_common(&mut self, node: NodeId, inputs: &[InputCut<'_>], hidden: Hidden) {
+        let start = self.seen.len();
         let cursors = &mut self.walk.cursors;
-        let agreed =
-            agreed(inputs.iter().zip(&*cursors).map(|(input, &at)| f64::from(u8::from(input.sees(at)))));
-        if hidden == Hidden::Keep || agreed != Agreed::Hidden {
-            let end = self.entries.len() as u32 + 1;
-            self.entries.push(Entry { node, end, spread: 0.0, agreed });
-            for (inputs, cursors) in inputs.chunks(4).zip(cursors.chunks(4)) {
-                self.excess.push(Vec4::NEG_ONE);
-                let sees = |lane: usize| inputs.get(lane).is_some_and(|input| input.sees(cursors[lane]));
-                self.seen.push(Vec4::from_array([0, 1, 2, 3].map(|lane| f32::from(u8::from(sees(lane))))));
-            }
+        for (inputs, cursors) in inputs.chunks(4).zip(cursors.chunks(4)) {
+            self.seen.push(block(inputs.len(), |lane| f32::from(u8::from(inputs[lane].sees(cursors[lane])))));
         }
         cursors.iter_mut().for_each(|cursor| *cursor += 1);
+        let agreed = agreed(&self.seen[start..]);
+        if hidden == Hidden::Drop && agreed == Agreed::Hidden {
+            self.seen.truncate(start);
+            return;
+        }
+        let end = self.entries.len() as u32 + 1;
+        self.entries.push(Entry { node, end, spread: 0.0, agreed });
+        self.excess.resize(self.seen.len(), Vec4::NEG_ONE);
     }
 
     /// The largest of the inputs' next nodes: that of the lowest level.
-    fn coarsest<T: LightHierarchy + ?Sized>(
-        &self,
-        tree: &T,
-        levels: &Levels,
-        inputs: &[InputCut<'_>],
-    ) -> NodeId {
+    fn coarsest(&self, tree: &impl Topology, inputs: &[InputCut<'_>]) -> NodeId {
         let next = inputs.iter().zip(&self.walk.cursors).filter_map(|(input, &at)| input.nodes.get(at));
-        let level = |node: NodeId| levels.at(tree.node_index(node)).level;
+        let level = |node: NodeId| tree.level(node).level;
         let lowest = next.copied().min_by(|&a, &b| level(a).total_cmp(&level(b)));
         lowest.expect("all inputs must be cuts of this tree")
     }
 
     /// Everything from `root`, which is in one of the inputs, down to the finest input.
-    fn push_region<T: LightHierarchy + ?Sized>(
-        &mut self,
-        tree: &T,
-        levels: &Levels,
-        inputs: &[InputCut<'_>],
-        root: NodeId,
-        hidden: Hidden,
-    ) {
+    fn push_region(&mut self, tree: &impl Topology, inputs: &[InputCut<'_>], root: NodeId, hidden: Hidden) {
         let start = self.entries.len();
-        self.descend(tree, levels, inputs, root);
-        self.sum_up(tree, levels, start);
+        self.descend(tree, inputs, root);
+        self.sum_up(tree, start);
         if hidden == Hidden::Drop && self.entries[start].agreed == Agreed::Hidden {
             let lanes = self.lanes();
             self.entries.truncate(start);
@@ -296,43 +372,43 @@ impl MergedCuts {
         }
     }
 
-    /// Lists the region's nodes, parents first, with the level and visibility of the input nodes that cover them.
-    fn descend<T: LightHierarchy + ?Sized>(
-        &mut self,
-        tree: &T,
-        levels: &Levels,
-        inputs: &[InputCut<'_>],
-        root: NodeId,
-    ) {
-        let k = inputs.len();
+    /// Lists the region's nodes, parents first, with the sums of those that all inputs cover.
+    fn descend(&mut self, tree: &impl Topology, inputs: &[InputCut<'_>], root: NodeId) {
+        let lanes = self.lanes();
         let Walk { cursors, pending, covers, covering, region, sums } = &mut self.walk;
         region.clear();
         sums.clear();
         pending.push((root, NONE));
-        covers.resize(k, NONE);
+        covers.resize(lanes, Cover::NOBODY);
         while let Some((node, parent)) = pending.pop() {
             // Who covers this node: whoever covers its parent, or has it as its next.
             covering.clear();
-            covering.extend(covers.drain(covers.len() - k..));
-            for ((cover, cursor), input) in covering.iter_mut().zip(cursors.iter_mut()).zip(inputs) {
-                if *cover == NONE && input.nodes.get(*cursor) == Some(&node) {
-                    *cover = *cursor as u32;
-                    *cursor += 1;
+            covering.extend(covers.drain(covers.len() - lanes..));
+            let level = tree.level(node);
+            let mut last = true;
+            for ((cover, cursors), inputs) in
+                covering.iter_mut().zip(cursors.chunks_mut(4)).zip(inputs.chunks(4))
+            {
+                for (lane, (cursor, input)) in cursors.iter_mut().zip(inputs).enumerate() {
+                    if cover.level[lane] < 0.0 && input.nodes.get(*cursor) == Some(&node) {
+                        cover.level[lane] = level.level;
+                        cover.seen[lane] = f32::from(u8::from(input.sees(*cursor)));
+                        *cursor += 1;
+                    }
                 }
+                for lane in inputs.len()..4 {
+                    (cover.level[lane], cover.seen[lane]) = (cover.level[0], cover.seen[0]);
+                }
+                last &= cover.level.cmpge(Vec4::ZERO).all();
             }
 
-            // Note what they say about it, once all of them do.
-            let last = covering.iter().all(|&cover| cover != NONE);
-            let level = levels.at(tree.node_index(node));
+            // Note what they say about it, once all of them do. An inner node's sums come from below.
             let (lights, intensity) = (f64::from(level.lights), f64::from(level.intensity));
-            for (&cover, input) in covering.iter().zip(inputs) {
-                let says = |cover: usize| Sums {
-                    level: f64::from(levels.at(tree.node_index(input.nodes[cover])).level) * lights,
-                    seen: if input.sees(cover) { intensity } else { 0.0 },
-                };
-                // An inner node's sums come from below.
-                sums.push(if last { says(cover as usize) } else { Sums::default() });
-            }
+            let says = |cover: &Cover| Sums {
+                level: cover.level.as_dvec4() * lights,
+                seen: cover.seen.as_dvec4() * intensity,
+            };
+            sums.extend(covering.iter().map(|cover| if last { says(cover) } else { Sums::default() }));
             let index = region.len() as u32;
             region.push(InRegion { parent, last, lights, intensity: if last { intensity } else { 0.0 } });
             self.entries.push(Entry { node, end: 0, spread: 0.0, agreed: Agreed::Neither });
@@ -353,8 +429,8 @@ impl MergedCuts {
     }
 
     /// Sums from children to parents, and writes the region's means.
-    fn sum_up<T: LightHierarchy + ?Sized>(&mut self, tree: &T, levels: &Levels, start: usize) {
-        let (k, lanes) = (self.inputs, self.lanes());
+    fn sum_up(&mut self, tree: &impl Topology, start: usize) {
+        let lanes = self.lanes();
         self.excess.resize(self.entries.len() * lanes, Vec4::ZERO);
         self.seen.resize(self.entries.len() * lanes, Vec4::ZERO);
         let Walk { region, sums, .. } = &mut self.walk;
@@ -362,21 +438,28 @@ impl MergedCuts {
             let InRegion { parent, last, lights, intensity } = region[at];
             let entry = &mut self.entries[start + at];
             entry.end = entry.end.max((start + at + 1) as u32);
-            let (end, own) = (entry.end, at * k..(at + 1) * k);
+            let (end, own) = (entry.end, at * lanes..(at + 1) * lanes);
+            let place = (start + at) * lanes..(start + at + 1) * lanes;
 
             // Write this node's means.
-            let split = f64::from(levels.at(tree.node_index(entry.node)).split);
-            let visibility = |sums: &Sums| if intensity > 0.0 { sums.seen / intensity } else { 0.0 };
-            let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
-            for (j, sums) in sums[own.clone()].iter().enumerate() {
-                let mean = sums.level / lights;
-                (lowest, highest) = (lowest.min(mean), highest.max(mean));
-                let place = (start + at) * lanes + j / 4;
-                self.excess[place][j % 4] = if last { -1.0 } else { (mean - split) as f32 };
-                self.seen[place][j % 4] = visibility(sums) as f32;
+            let split = DVec4::splat(f64::from(tree.level(entry.node).split));
+            let (per_light, per_intensity) =
+                (1.0 / lights, if intensity > 0.0 { 1.0 / intensity } else { 0.0 });
+            let (mut lowest, mut highest) = (DVec4::INFINITY, DVec4::NEG_INFINITY);
+            let means = self.excess[place.clone()].iter_mut().zip(&mut self.seen[place.clone()]);
+            for (sums, (excess, seen)) in sums[own.clone()].iter().zip(means) {
+                *seen = share(sums.seen, intensity, per_intensity);
+                if last {
+                    *excess = Vec4::NEG_ONE;
+                } else {
+                    let mean = sums.level * per_light;
+                    (lowest, highest) = (lowest.min(mean), highest.max(mean));
+                    *excess = (mean - split).as_vec4();
+                }
             }
-            entry.spread = if last { 0.0 } else { (highest - lowest) as f32 };
-            entry.agreed = agreed(sums[own.clone()].iter().map(visibility));
+            let spread = if last { 0.0 } else { highest.max_element() - lowest.min_element() };
+            entry.spread = spread as f32;
+            entry.agreed = agreed(&self.seen[place]);
 
             // Pass the sums on.
             if parent != NONE {
@@ -384,9 +467,9 @@ impl MergedCuts {
                 region[above].intensity += intensity;
                 let above_entry = &mut self.entries[start + above];
                 above_entry.end = above_entry.end.max(end);
-                for (j, from) in own.enumerate() {
+                for (lane, from) in own.enumerate() {
                     let below = sums[from];
-                    let to = &mut sums[above * k + j];
+                    let to = &mut sums[above * lanes + lane];
                     to.level += below.level;
                     to.seen += below.seen;
                 }
@@ -395,11 +478,31 @@ impl MergedCuts {
     }
 }
 
+/// `seen` ÷ `intensity`, exactly 1 where they are equal.
+#[inline]
+fn share(seen: DVec4, intensity: f64, per_intensity: f64) -> Vec4 {
+    let all = seen.cmpeq(DVec4::splat(intensity));
+    let part = (seen * per_intensity).as_vec4();
+    if all.any() {
+        // What the inputs agree about stays exact.
+        let lane = |lane: usize| if all.test(lane) && intensity > 0.0 { 1.0 } else { part[lane] };
+        return Vec4::from_array([0, 1, 2, 3].map(lane));
+    }
+    part
+}
+
+/// A block of `count` lanes, at most four, filled up with the first.
+#[inline]
+fn block(count: usize, of: impl Fn(usize) -> f32) -> Vec4 {
+    Vec4::from_array([0, 1, 2, 3].map(|lane| of(if lane < count { lane } else { 0 })))
+}
+
 /// Whether all say 0 or all say 1.
-fn agreed(mut visibilities: impl Iterator<Item = f64> + Clone) -> Agreed {
-    if visibilities.clone().all(|v| v == 0.0) {
+#[inline]
+fn agreed(visibilities: &[Vec4]) -> Agreed {
+    if visibilities.iter().all(|&v| v == Vec4::ZERO) {
         Agreed::Hidden
-    } else if visibilities.all(|v| v == 1.0) {
+    } else if visibilities.iter().all(|&v| v == Vec4::ONE) {
         Agreed::Seen
     } else {
         Agreed::Neither

@@ -11,6 +11,7 @@
 //! [`Reconstruction`] is the peer method that the paper compares with: Walter et al.'s reconstruction cuts.
 
 mod cache;
+mod canopy;
 mod grid;
 mod interpolate;
 mod metric;
@@ -23,13 +24,14 @@ mod visibility;
 mod weights;
 
 pub use cache::MergeCache;
+pub use canopy::Canopy;
 pub use grid::{ImageSite, RecordGrid};
 pub use interpolate::{Chosen, Hidden, InputCut, MergedCuts};
 pub use metric::{FirstNodes, Level, LevelMetric, Levels};
 pub use placement::{Placed, PlacementParams, PointImage, disagreeing, disagreement_radius, place};
 pub use reconstruction::{Impostor, Impostors, Reconstructed, Reconstruction, ReconstructionParams};
 pub use record::{Record, Records};
-pub use shade::{Lit, Visibility, sum_up};
+pub use shade::{Lit, Visibility, Wanted, assume, sum_up};
 pub use streaming::Streaming;
 pub use visibility::interpolate_visibility;
 pub use weights::{Point, Selection, Site, WeightParams};

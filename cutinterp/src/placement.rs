@@ -11,6 +11,8 @@
 
 use std::collections::BinaryHeap;
 
+use glam::Vec3;
+
 use crate::{ImageSite, Point, Site, WeightParams};
 
 /// How densely records are placed.
@@ -28,6 +30,13 @@ pub struct PlacementParams {
     pub least_gain: f32,
     /// Every point gets a record of at least this weight, in [0, 1): at 0.25, three quarters of the radius away.
     pub least_weight: f32,
+}
+
+impl Placed {
+    /// Place and radius.
+    pub const fn site(&self) -> Site {
+        Site { position: self.position, normal: self.normal, radius: self.radius }
+    }
 }
 
 impl PlacementParams {
@@ -71,11 +80,15 @@ impl Default for PlacementParams {
     }
 }
 
-/// A point that was made a record.
+/// A record in an image: one of its points, or one that was kept from an earlier view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
-    /// Index of the point, row by row.
+    /// Index of the pixel where it is seen, row by row.
     pub pixel: u32,
+    /// World-space position: the point's, or for a kept record its own.
+    pub position: Vec3,
+    /// Unit normal on the viewer's side, likewise.
+    pub normal: Vec3,
     /// Harmonic mean distance to the geometry around, as it was gathered.
     pub harmonic_mean: f32,
     /// Radius, from that and the footprint.
@@ -106,13 +119,34 @@ impl PointImage<'_> {
         self.points[y as usize * self.width as usize + x as usize].as_ref()
     }
 
-    /// Place and radius of a record at one of the points.
+    /// The point of `pixel` as a record with this harmonic mean distance.
     ///
     /// # Panics
     /// If there is nothing at that pixel.
-    pub fn site(&self, placed: &Placed) -> Site {
-        let point = self.points[placed.pixel as usize].expect("a record is placed at a point");
-        Site { position: point.position, normal: point.normal, radius: placed.radius }
+    pub fn record(&self, weights: &WeightParams, pixel: u32, harmonic_mean: f32) -> Placed {
+        let point = self.points[pixel as usize].expect("a record is placed at a point");
+        let radius = weights.radius(harmonic_mean, point.footprint);
+        Placed { pixel, position: point.position, normal: point.normal, harmonic_mean, radius }
+    }
+
+    /// What is left in this image of a record from another view that would be seen at `pixel`: its radius as the footprint there has it.
+    /// `None` where another surface is in front of it, or its place is so far from what is seen that its weight there is below
+    /// `least_weight`.
+    ///
+    /// # Panics
+    /// If there is no such pixel.
+    pub fn kept(
+        &self,
+        weights: &WeightParams,
+        old: &Placed,
+        pixel: u32,
+        least_weight: f32,
+    ) -> Option<Placed> {
+        let point = self.points[pixel as usize]?;
+        let radius = weights.radius(old.harmonic_mean, point.footprint);
+        let placed = Placed { pixel, radius, ..*old };
+        let weight = weights.weight(point.position, point.normal, &placed.site());
+        (weight > least_weight).then_some(placed)
     }
 
     /// Where in the image that record is looked for.
@@ -328,8 +362,7 @@ impl Tile<'_> {
     }
 
     fn as_record(&self, pixel: u32, harmonic_mean: f32) -> Placed {
-        let point = self.image.points[pixel as usize].expect("candidates are points");
-        Placed { pixel, harmonic_mean, radius: self.params.weights.radius(harmonic_mean, point.footprint) }
+        self.image.record(&self.params.weights, pixel, harmonic_mean)
     }
 
     /// What a record would add at the measured points.
@@ -362,7 +395,7 @@ impl Tile<'_> {
 
     /// Calls `f` with column, row and weight of every point of the tile, on the raster of `step` pixels, that a record is of use to.
     fn each_in_reach(&self, record: &Placed, step: u32, mut f: impl FnMut(u32, u32, f32)) {
-        let (site, ImageSite { x, y, reach }) = (self.image.site(record), self.image.image_site(record));
+        let (site, ImageSite { x, y, reach }) = (record.site(), self.image.image_site(record));
         let range = |at: u32, begin: u32, end: u32| {
             // Casts saturate.
             let low = (f64::from(at) - f64::from(reach)).max(f64::from(begin)) as u32;

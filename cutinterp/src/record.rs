@@ -1,8 +1,8 @@
 //! Records: points whose exact cuts are known, with what each node's shadow ray found.
 
-use lighttree::NodeId;
+use lighttree::{LightHierarchy, NodeId};
 
-use crate::{InputCut, Site};
+use crate::{Canopy, InputCut, Levels, Site};
 
 /// What is kept of a record beside its cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,6 +98,19 @@ impl Records {
         let &Record { nodes, first_node, first_word, .. } = self.get(id);
         let nodes = &self.nodes[first_node..first_node + nodes as usize];
         InputCut { nodes, visible: &self.visible[first_word..first_word + nodes.len().div_ceil(32)] }
+    }
+
+    /// Collects what the cuts of all records reach of `tree`, and gives their nodes the names that they have in there: from now on they are
+    /// cuts of the canopy, for [`MergedCuts::merge_in`](crate::MergedCuts::merge_in). `levels` are those of `tree`.
+    ///
+    /// # Panics
+    /// If one of them is not a cut of `tree`.
+    pub fn settle<T: LightHierarchy + ?Sized>(&mut self, tree: &T, levels: &Levels) -> Canopy {
+        let canopy = Canopy::over(tree, levels, std::iter::once(&self.nodes[..]));
+        for &Record { nodes, first_node, .. } in &self.records {
+            canopy.rename(&mut self.nodes[first_node..first_node + nodes as usize]);
+        }
+        canopy
     }
 
     /// Bytes held.

@@ -31,6 +31,64 @@ pub struct Lit {
     pub rays: u32,
 }
 
+/// A node whose shadow ray has to be asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wanted {
+    /// Its place in the cut.
+    pub at: u32,
+    /// What of its light is in the sum already, in [0, 1]. The answer adds 1 - `assumed` times the light if it is seen, and takes
+    /// `assumed` times the light away if it is not.
+    pub assumed: f32,
+}
+
+impl Wanted {
+    /// What the answer adds to the sum, for the node's unoccluded `light`.
+    #[inline]
+    pub fn correction(&self, light: Vec3, occluded: bool) -> DVec3 {
+        let seen = if occluded { 0.0 } else { 1.0 };
+        (seen - f64::from(self.assumed)) * light.as_dvec3()
+    }
+}
+
+/// A receiver's light as far as it is known without shadow rays, and the nodes that need one: for hosts that ask for many at once.
+/// [`sum_up`] asks for them one after the other.
+///
+/// `unoccluded[i]` is the RGB light of `chosen[i]` without shadow. Replaces what is in `wanted`.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn assume(
+    visibility: Visibility,
+    chosen: &[Chosen],
+    unoccluded: &[Vec3],
+    wanted: &mut Vec<Wanted>,
+) -> DVec3 {
+    assert_eq!(chosen.len(), unoccluded.len(), "one light per node");
+    wanted.clear();
+    let mut sum = DVec3::ZERO;
+    if visibility != Visibility::Full {
+        for (node, light) in chosen.iter().zip(unoccluded) {
+            sum += f64::from(node.visibility) * light.as_dvec3();
+        }
+    }
+    let total = sum.element_sum();
+    let (tolerated, trusted) = match visibility {
+        Visibility::Full => (-1.0, 0.0),
+        Visibility::Adaptive { share, trust } => (f64::from(share) * total, f64::from(trust) * total),
+        Visibility::Interpolated => return sum,
+    };
+    for (at, (node, light)) in (0..).zip(chosen.iter().zip(unoccluded)) {
+        let assumed = if visibility == Visibility::Full { 0.0 } else { node.visibility };
+        let brightness = light.as_dvec3().element_sum();
+        // No share of no light at all is no number, and asks for nothing.
+        let doubtful = brightness * f64::from(assumed.min(1.0 - assumed)) > tolerated;
+        if (doubtful || brightness > trusted) && brightness > 0.0 {
+            wanted.push(Wanted { at, assumed });
+        }
+    }
+    sum
+}
+
 /// Sums up a receiver's light.
 ///
 /// `unoccluded[i]` is the RGB light of `chosen[i]` without shadow. `occluded` is the host's: whether the shadow ray to the light that speaks for
@@ -44,30 +102,11 @@ pub fn sum_up(
     unoccluded: &[Vec3],
     mut occluded: impl FnMut(usize) -> bool,
 ) -> Lit {
-    assert_eq!(chosen.len(), unoccluded.len(), "one light per node");
-    let mut lit = Lit::default();
-    if visibility != Visibility::Full {
-        for (node, light) in chosen.iter().zip(unoccluded) {
-            lit.radiance += f64::from(node.visibility) * light.as_dvec3();
-        }
+    let mut wanted = Vec::new();
+    let mut radiance = assume(visibility, chosen, unoccluded, &mut wanted);
+    for wanted in &wanted {
+        let at = wanted.at as usize;
+        radiance += wanted.correction(unoccluded[at], occluded(at));
     }
-    let total = lit.radiance.element_sum();
-    let (tolerated, trusted) = match visibility {
-        Visibility::Full => (-1.0, 0.0),
-        Visibility::Adaptive { share, trust } => (f64::from(share) * total, f64::from(trust) * total),
-        Visibility::Interpolated => return lit,
-    };
-    for (i, (node, light)) in chosen.iter().zip(unoccluded).enumerate() {
-        let light = light.as_dvec3();
-        let assumed = if visibility == Visibility::Full { 0.0 } else { f64::from(node.visibility) };
-        let brightness = light.element_sum();
-        // No share of no light at all is no number, and asks for nothing.
-        let wanted = brightness * assumed.min(1.0 - assumed) > tolerated || brightness > trusted;
-        if wanted && brightness > 0.0 {
-            lit.rays += 1;
-            let seen = if occluded(i) { 0.0 } else { 1.0 };
-            lit.radiance += (seen - assumed) * light;
-        }
-    }
-    lit
+    Lit { radiance, rays: wanted.len() as u32 }
 }

@@ -4,7 +4,8 @@ mod common;
 
 use common::{SHAPES, Shape, TestTree, canonical, deviation, mean_levels};
 use cutinterp::{
-    Chosen, FirstNodes, Hidden, InputCut, LevelMetric, Levels, MergedCuts, Streaming, interpolate_visibility,
+    Canopy, Chosen, FirstNodes, Hidden, InputCut, LevelMetric, Levels, MergedCuts, Streaming,
+    interpolate_visibility,
 };
 use lighttree::rng::Random;
 use lighttree::{Cut, LightHierarchy, NodeId};
@@ -250,6 +251,51 @@ proptest! {
         let all: Vec<_> = nodes.iter().zip(&visibility).filter_map(lit).collect();
         let some: Vec<_> = kept.iter().zip(&seen).filter_map(lit).collect();
         prop_assert_eq!(all, some);
+    }
+
+    #[test]
+    fn a_canopy_gives_the_same_by_other_names(case in any_case(), hidden in select(vec![Hidden::Keep, Hidden::Drop])) {
+        let canopy = Canopy::over(&case.tree, &case.levels, case.cuts.iter().map(|cut| &cut[..]));
+        let cuts: Vec<Vec<NodeId>> = case.cuts.iter().map(|cut| {
+            let mut renamed = cut.clone();
+            canopy.rename(&mut renamed);
+            let back: Vec<NodeId> = renamed.iter().map(|&node| canopy.in_tree(node)).collect();
+            assert_eq!(&back, cut);
+            renamed
+        }).collect();
+        let inputs: Vec<_> = cuts.iter().zip(&case.visible).map(|(nodes, visible)| InputCut { nodes, visible }).collect();
+        let (mut whole, mut small) = (MergedCuts::default(), MergedCuts::default());
+        whole.merge(&case.tree, &case.levels, &case.inputs(), hidden);
+        small.merge_in(&canopy, &inputs, hidden);
+        let (nodes, seen) = select_from(&whole, &case.weights, f32::INFINITY);
+        let (renamed, seen_in) = select_from(&small, &case.weights, f32::INFINITY);
+        let renamed: Vec<NodeId> = renamed.into_iter().map(|node| canopy.in_tree(node)).collect();
+        prop_assert_eq!(nodes, renamed);
+        prop_assert_eq!(seen, seen_in);
+        // It reaches no further down than the cuts do.
+        let deepest = case.cuts.iter().flatten().map(|&node| case.levels.at(node.0 as usize).level).fold(0.0, f32::max);
+        prop_assert!(canopy.all_in_tree().iter().all(|node| case.levels.at(node.0 as usize).level <= deepest));
+        prop_assert!(canopy.len() <= case.tree.node_count() && !canopy.is_empty());
+    }
+
+    #[test]
+    fn refined_where_inputs_differ_it_is_a_valid_cut_whoever_decides(case in any_case(), beyond in 0.0f32..3.0, seed in any::<u32>()) {
+        let (merged, mut random) = (case.merged(), Random::new(seed, 1, 0));
+        let (mut chosen, mut asked) = (Vec::new(), Vec::new());
+        let decide = |entry: u32| {
+            let goes_on = random.f32() < 0.5;
+            asked.push((merged.node(entry), goes_on));
+            goes_on
+        };
+        merged.select_refining(&case.weights, beyond, decide, &mut chosen);
+        let nodes: Vec<NodeId> = chosen.iter().map(|c| merged.node(c.entry)).collect();
+        case.assert_valid(&nodes);
+        prop_assert!(case.within(&nodes));
+        prop_assert!(asked.iter().all(|(node, goes_on)| nodes.contains(node) != *goes_on));
+        // Nobody is asked where no difference is too much.
+        merged.select_refining(&case.weights, f32::INFINITY, |_| unreachable!("nothing differs by more"), &mut chosen);
+        let plain: Vec<NodeId> = chosen.iter().map(|c| merged.node(c.entry)).collect();
+        prop_assert_eq!(plain, case.select(&case.weights).0);
     }
 
     #[test]

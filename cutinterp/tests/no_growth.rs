@@ -66,5 +66,5 @@ fn merged_cuts_take_what_their_documentation_says() {
     merged.merge(&tree, &levels, &inputs, Hidden::Keep);
     // Three inputs; the subtree that they differ on is at most all of it. Vectors grow by doubling.
     let nodes = 2 * merged.len();
-    assert!(merged.bytes() <= (48 + 24 + 3 * 20) * nodes + 1024, "{} for {}", merged.bytes(), merged.len());
+    assert!(merged.bytes() <= (48 + 24 + 64) * nodes + 1024, "{} for {}", merged.bytes(), merged.len());
 }

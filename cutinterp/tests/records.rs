@@ -1,12 +1,16 @@
 //! Weights, selection, placement and look-up of records, and the sum over a cut.
 
+mod common;
+
+use common::{Shape, TestTree};
 use cutinterp::{
-    Chosen, ImageSite, Placed, PlacementParams, Point, PointImage, RecordGrid, Records, Selection, Site,
-    Visibility, WeightParams, disagreeing, disagreement_radius, place, sum_up,
+    Chosen, ImageSite, LevelMetric, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records,
+    Selection, Site, Visibility, WeightParams, disagreeing, disagreement_radius, place, sum_up,
 };
+
 use glam::{DVec3, Vec3};
-use lighttree::NodeId;
 use lighttree::rng::Random;
+use lighttree::{LightHierarchy, NodeId};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -229,7 +233,7 @@ fn every_point_is_served_by_few_records() {
     let image = PointImage { width, points: &points };
     let params = PlacementParams { tile: 64, ..PlacementParams::paper() };
     let records = placed(&params, width, &points);
-    let sites: Vec<Site> = records.iter().map(|r| image.site(r)).collect();
+    let sites: Vec<Site> = records.iter().map(Placed::site).collect();
     let grid =
         RecordGrid::new(width, height, 8, &records.iter().map(|r| image.image_site(r)).collect::<Vec<_>>());
     let mut worst = f32::INFINITY;
@@ -272,6 +276,41 @@ fn placement_is_the_same_for_any_number_of_threads_and_keeps_what_it_is_given() 
 }
 
 #[test]
+fn a_record_is_kept_where_its_surface_is_still_seen_and_serves_from_its_own_place() {
+    let (width, points) = (150, corner(150, 100));
+    let params = PlacementParams { tile: 32, ..PlacementParams::paper() };
+    let before = placed(&params, width, &points);
+    let image = PointImage { width, points: &points };
+    let kept = |old: &Placed, pixel: u32| image.kept(&params.weights, old, pixel, 0.5);
+    let mut away = 0;
+    for old in &before {
+        assert_eq!(kept(old, old.pixel), Some(*old));
+        // Seen one pixel further on: still itself, not the point of that pixel.
+        if let Some(moved) = kept(old, old.pixel - old.pixel % width + (old.pixel % width + 1) % width) {
+            assert_eq!((moved.position, moved.normal), (old.position, old.normal));
+        }
+        // Behind the other wall's pixels.
+        away += u32::from(kept(old, width * 99 - old.pixel).is_none());
+    }
+    assert!(away as usize > before.len() / 2, "{away} of {}", before.len());
+    // Half as far away, the footprint is half as large, and no radius exceeds what that allows.
+    let near: Vec<_> =
+        points.iter().map(|p| p.map(|p| Point { footprint: 0.5 * p.footprint, ..p })).collect();
+    let near = PointImage { width, points: &near };
+    let mut shrunk = 0;
+    for old in &before {
+        let kept = near.kept(&params.weights, old, old.pixel, 0.5).unwrap();
+        let footprint = near.points[old.pixel as usize].unwrap().footprint;
+        assert_eq!(kept.radius, params.weights.radius(old.harmonic_mean, footprint));
+        shrunk += u32::from(kept.radius < 0.9 * old.radius);
+    }
+    assert!(shrunk > 0);
+    // What a hole shows is nothing.
+    let hole = points.iter().position(Option::is_none).unwrap() as u32;
+    assert!(before.iter().all(|old| kept(old, hole).is_none()));
+}
+
+#[test]
 fn odd_points_neither_panic_nor_hang() {
     let mut points = corner(40, 30);
     let odd = [
@@ -310,9 +349,31 @@ fn records_hold_what_their_memory_says() {
             assert_eq!(bit == 1, (i as u32 + r).is_multiple_of(3));
         }
     }
+    assert_eq!(records.get(5).brightness, 5.0);
     // 64 bytes, 4 a node, 22 words of bits; vectors grow by doubling.
     assert!(records.bytes() <= 2 * 200 * (64 + 4 * 700 + 4 * 22), "{}", records.bytes());
-    assert_eq!(records.get(5).brightness, 5.0);
+}
+
+#[test]
+fn settled_records_have_the_same_cuts_in_a_canopy_of_the_size_that_its_memory_says() {
+    let mut random = Random::new(5, 0, 0);
+    let tree = TestTree::grow(Shape::Random, 3000, &mut random);
+    let levels = Levels::measure(&tree, LevelMetric::Depth);
+    let mut records = Records::default();
+    let site = Site { position: Vec3::ZERO, normal: Vec3::Y, radius: 1.0 };
+    let cuts: Vec<Vec<NodeId>> =
+        (0..30).map(|i| tree.random_cut(80, 100.0 * f64::from(i), &mut random)).collect();
+    for cut in &cuts {
+        records.push(site, 1.0, 1.0, 1.0, cut.iter().map(|&node| (node, node.0 % 3 > 0)));
+    }
+    let canopy = records.settle(&tree, &levels);
+    for (id, cut) in (0..).zip(&cuts) {
+        let back: Vec<NodeId> = records.cut(id).nodes.iter().map(|&node| canopy.in_tree(node)).collect();
+        assert_eq!(&back, cut);
+    }
+    // Every one of its nodes is above or on a cut: a binary tree of at most as many leaves as there are nodes of cuts.
+    assert!(canopy.len() < 2 * cuts.iter().map(Vec::len).sum::<usize>() && canopy.len() < tree.node_count());
+    assert!(canopy.bytes() <= 2 * 28 * canopy.len() + 1024, "{} for {}", canopy.bytes(), canopy.len());
 }
 
 #[test]

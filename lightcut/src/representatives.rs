@@ -204,7 +204,8 @@ impl Representatives {
         self.lights[slot as usize]
     }
 
-    pub(crate) fn scale(&self) -> f32 {
+    /// The largest intensity of all lights in any channel, W·sr⁻¹: the unit of [`Estimate::luminance`](crate::Estimate::luminance).
+    pub fn scale(&self) -> f32 {
         self.scale
     }
 }

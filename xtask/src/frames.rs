@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clustering::Clusters;
 use glam::Vec3;
 use lighttree::rng::pcg4d;
 use lighttree::{Ray, RayQueries};
@@ -16,7 +15,7 @@ use crate::methods::filter::{Filter, Filtered};
 use crate::progress::Watched;
 use crate::report::{self, Seconds};
 use crate::settings::Settings;
-use crate::shot::{Plan, Stage};
+use crate::shot::{Left, Plan, Stage};
 
 /// What a frame leaves to the next one; nothing before the first. What a filter or a method wants to find again has its place here.
 #[derive(Default)]
@@ -25,8 +24,8 @@ pub(crate) struct Kept {
     film: Option<Film>,
     /// What filters remember, if there are any.
     filter: Option<Filter>,
-    /// Where light was gathered.
-    clusters: Option<Clusters>,
+    /// What the method finds again.
+    left: Left,
     /// Where pictures are taken with `--device gpu`.
     pub(crate) device: Option<Device>,
 }
@@ -111,7 +110,8 @@ impl Sequence<'_> {
         let camera = orbited(self.camera, rays, &self.plan.settings, frame);
 
         // Build its lights and take the picture.
-        let seed = seed_of(self.plan.seed, frame);
+        let reuses = self.plan.settings.find("reuse") == Some("on") && scene.motion.is_still();
+        let seed = if reuses { self.plan.seed } else { seed_of(self.plan.seed, frame) };
         let plan = Plan { seed, light_seed: seed, ..self.plan.clone() };
         let stage = Stage { scene, rays, camera: &camera };
         let prepared =
@@ -131,9 +131,12 @@ impl Sequence<'_> {
                 light_tree_bytes = lit.tree_bytes;
                 lit.rendered
             }
-            None => stage.render_after(&plan, &prepared, self.params, &watched, &mut kept.clusters)?,
+            None => stage.render_after(&plan, &prepared, self.params, &watched, &mut kept.left)?,
         };
         drop(watched);
+        if !reuses {
+            kept.left.view = None;
+        }
         seconds.render += start.elapsed().as_secs_f64();
 
         // Filter it.

@@ -14,10 +14,11 @@ mod pictures;
 mod recon;
 mod ris;
 mod split;
+mod view;
 
 pub(crate) use cut::{SharedCutMethod, SubtreesMethod, sampler as cut_sampler};
 pub(crate) use cut_cdf::CutCdfMethod;
-pub(crate) use cutinterp::{CutInterpMethod, CutInterpParams, Show};
+pub(crate) use cutinterp::{CutInterpMethod, CutInterpParams, Show, View, WhereBeyond};
 pub(crate) use lightcut::{LightcutMethod, representatives};
 pub(crate) use next_event::{NextEventCells, NextEventSubtrees, lights as next_event_lights};
 pub(crate) use photoncut::{Maps, PhotonLight, Sparse};
@@ -142,12 +143,13 @@ const LIGHTCUT_KEYS: [Key; 6] = [
     Key { default: "agglomerative", ..trees::BUILDER },
 ];
 
-const RECON_KEYS: [Key; 7] = [
+const RECON_KEYS: [Key; 8] = [
     Key { default: "0.01", ..LIGHTCUT_KEYS[0] },
     LIGHTCUT_KEYS[1],
     LIGHTCUT_KEYS[2],
     LIGHTCUT_KEYS[3],
     LIGHTCUT_KEYS[4],
+    LIGHTCUT_KEYS[5],
     Key {
         name: "agree",
         default: "0.01",
@@ -169,11 +171,11 @@ const VISIBILITY: Key = Key {
     trades: "where shadows come from: a ray for each cluster, rays where the records disagree, or the records alone; each several times faster than the one before, and blurrier",
 };
 
-const CUTINTERP_KEYS: [Key; 15] = cutinterp_keys(VISIBILITY);
-const CUTINTERP_VIS_KEYS: [Key; 15] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY });
+const CUTINTERP_KEYS: [Key; 19] = cutinterp_keys(VISIBILITY);
+const CUTINTERP_VIS_KEYS: [Key; 19] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY });
 
 /// The dials of both names of the method.
-const fn cutinterp_keys(visibility: Key) -> [Key; 15] {
+const fn cutinterp_keys(visibility: Key) -> [Key; 19] {
     [
         visibility,
         Key {
@@ -194,6 +196,7 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 15] {
         LIGHTCUT_KEYS[2],
         LIGHTCUT_KEYS[3],
         LIGHTCUT_KEYS[4],
+        LIGHTCUT_KEYS[5],
         Key {
             name: "metric",
             default: "depth",
@@ -219,10 +222,28 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 15] {
             trades: "sum of weights that every point should have: more, more records, smoother interpolation",
         },
         Key {
-            name: "finer_beyond",
+            name: "beyond",
             default: "inf",
             range: Range::Number(0.0, f32::INFINITY),
-            trades: "levels by which cuts may differ and still be averaged; beyond, the finest is taken; 0 merges cuts conservatively, which shows where records change",
+            trades: "levels by which cuts may differ and still be averaged; 0 with where_beyond=finest merges cuts conservatively, which shows where records change",
+        },
+        Key {
+            name: "where_beyond",
+            default: "refine",
+            range: Range::OneOf(&["refine", "finest"]),
+            trades: "what is done beyond: the cut is refined for the point itself by the bound of its error, or the finest of the cuts is taken",
+        },
+        Key {
+            name: "rays_from",
+            default: "lights",
+            range: Range::OneOf(&["lights", "points"]),
+            trades: "from where shadow rays of a square of pixels are cast: from each light to all points together, or from each point by itself; the same shadows but for rounding, at another speed",
+        },
+        Key {
+            name: "reuse",
+            default: "off",
+            range: Range::OneOf(&["off", "on"]),
+            trades: "with --frames and a scene in which nothing but the camera moves: keeps records whose places are still seen; all frames have the seed of the first, and so the same virtual lights",
         },
         Key {
             name: "spread",

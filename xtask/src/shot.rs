@@ -20,7 +20,7 @@ use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
     CutCdfMethod, CutInterpMethod, CutInterpParams, LightcutMethod, Maps, Method, NextEventCells,
     NextEventSubtrees, PhotonLight, REPRESENTATIVES, ReconMethod, RisMethod, SharedCutMethod, Show, Sparse,
-    SubtreesMethod, cut_sampler, next_event_lights, representatives, split_sampler,
+    SubtreesMethod, View, WhereBeyond, cut_sampler, next_event_lights, representatives, split_sampler,
 };
 use crate::settings::Settings;
 use crate::trees::{self, Tree};
@@ -74,6 +74,15 @@ pub(crate) struct Prepared<'a> {
     pub(crate) vpls: usize,
     /// Seconds that all of it took.
     pub(crate) seconds: f64,
+}
+
+/// What a picture leaves to the next one of a sequence; nothing before the first.
+#[derive(Default)]
+pub(crate) struct Left {
+    /// Where light was gathered.
+    pub(crate) clusters: Option<Clusters>,
+    /// Records, for another picture of the same lights, tree and geometry.
+    pub(crate) view: Option<View>,
 }
 
 /// What a method has beside the tree.
@@ -141,8 +150,9 @@ impl<'a> Stage<'a> {
             }
             (Method::Split, Some(tree)) => Tool::Spread(EnergySpread::of(tree)),
             (Method::CutInterp | Method::CutInterpVis | Method::Recon, Some(tree)) => {
+                let choice = plan.settings.find("representatives").unwrap_or(REPRESENTATIVES.default);
                 let chosen =
-                    representatives(tree, &lights, "random", plan.seed).map_err(|error| refuse(&error))?;
+                    representatives(tree, &lights, choice, plan.seed).map_err(|error| refuse(&error))?;
                 let metric = match plan.settings.find("metric").unwrap_or_default() {
                     "width" => LevelMetric::Log2Width,
                     "intensity" => LevelMetric::LogIntensity,
@@ -195,10 +205,10 @@ impl<'a> Stage<'a> {
         params: &RenderParams,
         progress: &impl Progress,
     ) -> Result<Rendered, Failure> {
-        self.render_after(plan, prepared, params, progress, &mut None)
+        self.render_after(plan, prepared, params, progress, &mut Left::default())
     }
 
-    /// Takes one picture of a sequence. `clusters` are those of the picture before, if the method has any, and are replaced by this one's.
+    /// Takes one picture of a sequence: with what the one before it left in `left`, which is replaced by this one's.
     ///
     /// # Errors
     /// If it has no pixels, or the threads cannot be started.
@@ -208,7 +218,7 @@ impl<'a> Stage<'a> {
         prepared: &Prepared<'_>,
         params: &RenderParams,
         progress: &impl Progress,
-        clusters: &mut Option<Clusters>,
+        left: &mut Left,
     ) -> Result<Rendered, Failure> {
         let shot = Shot { stage: self, plan, prepared, params, progress };
         match (&prepared.tool, &prepared.tree) {
@@ -219,7 +229,7 @@ impl<'a> Stage<'a> {
                 let params = lightcut_params(&plan.settings);
                 shot.direct(&LightcutMethod { tree, representatives, params })
             }
-            (Tool::Photons(maps), Some(tree)) => shot.photons(maps, tree, clusters),
+            (Tool::Photons(maps), Some(tree)) => shot.photons(maps, tree, &mut left.clusters),
             (Tool::Spread(spread), Some(tree)) => {
                 shot.direct(&Drawn(SubtreesMethod::split(tree, spread, &plan.settings)))
             }
@@ -246,7 +256,7 @@ impl<'a> Stage<'a> {
                 if plan.method == Method::Recon {
                     shot.reconstructed(lightcut, levels)
                 } else {
-                    shot.interpolated(lightcut, levels)
+                    shot.interpolated(lightcut, levels, &mut left.view)
                 }
             }
             (_, Some(tree)) if plan.method == Method::Ris => {
@@ -376,16 +386,23 @@ impl<P: Progress> Shot<'_, P> {
         Ok(())
     }
 
-    /// Places records before the picture is taken.
-    fn interpolated(&self, lightcut: LightcutMethod<'_>, levels: &Levels) -> Result<Rendered, Failure> {
+    /// Places records before the picture is taken, beside those of `view`, and leaves all of them there.
+    fn interpolated(
+        &self,
+        lightcut: LightcutMethod<'_>,
+        levels: &Levels,
+        view: &mut Option<View>,
+    ) -> Result<Rendered, Failure> {
         self.has_pixels()?;
         let frame = self.stage.frame(self.plan, &self.prepared.lights);
         let dials = cutinterp_params(&self.plan.settings)?;
-        let method =
-            CutInterpMethod::prepare(&frame, self.stage.camera, self.params, lightcut, levels, dials);
+        let last = view.take();
+        let Self { stage: Stage { camera, .. }, params, .. } = self;
+        let method = CutInterpMethod::prepare(&frame, camera, params, lightcut, levels, dials, last.as_ref());
         let mut rendered = self.direct(&method)?;
         rendered.counts.add(method.counts());
-        eprintln!("{} records of {} bytes in all; {}", method.records(), method.bytes(), method.stages);
+        eprintln!("{}", method.summary());
+        *view = Some(method.into_view());
         Ok(rendered)
     }
 
@@ -465,7 +482,12 @@ fn cutinterp_params(settings: &Settings) -> Result<CutInterpParams, Failure> {
     Ok(CutInterpParams {
         visibility,
         placement,
-        finer_beyond: number("finer_beyond"),
+        beyond: number("beyond"),
+        where_beyond: match settings.text("where_beyond") {
+            "finest" => WhereBeyond::Finest,
+            _ => WhereBeyond::Refine,
+        },
+        rays_from_lights: settings.text("rays_from") == "lights",
         spread: number("spread"),
         show: Show::named(settings.text("show")),
     })

@@ -35,9 +35,14 @@ impl Phong {
         if cos_i <= 0.0 {
             return Vec3::ZERO;
         }
-        let lobe =
-            (self.exponent + 2.0) * 0.5 * FRAC_1_PI * power(reflect(wo, normal).dot(wi), self.exponent);
+        let lobe = self.lobe(reflect(wo, normal).dot(wi));
         (self.diffuse * FRAC_1_PI + self.specular * lobe) * cos_i
+    }
+
+    /// The lobe of specular reflectance 1 in sr⁻¹, without the receiver's cosine, at this cosine from the mirror direction.
+    #[inline]
+    pub fn lobe(&self, cos: f32) -> f32 {
+        (self.exponent + 2.0) * 0.5 * FRAC_1_PI * power(cos, self.exponent)
     }
 
     pub(super) fn pdf(&self, normal: Vec3, wo: Vec3, wi: Vec3) -> f32 {

@@ -6,29 +6,26 @@
 pub(super) mod lights;
 mod show;
 mod stages;
+#[cfg(test)]
+mod tests;
+mod view;
 
 use cutinterp::{
-    Chosen, Hidden, Levels, MergeCache, Placed, PlacementParams, Point, PointImage, RecordGrid, Records,
-    Selection, Site, Visibility,
+    Chosen, Hidden, InputCut, Levels, MergeCache, MergedCuts, PlacementParams, RecordGrid, Selection,
+    Visibility, Wanted,
 };
-use glam::{DVec3, Vec2, Vec3};
-use lightcut::Lightcut;
-use lighttree::rng::Random;
-use lighttree::{Cut, GeometricBound, NodeId, Ray};
-use rayon::prelude::*;
-use scene::{
-    BruteForce, Camera, Counts, DirectLighting, Frame, Geometry, Purpose, RenderParams, ShadingPoint,
-    camera_path, luminance,
-};
+use glam::{DVec3, Vec3};
+use lighttree::{GeometricBound, LightHierarchy, NodeBound, NodeId};
+use scene::{Camera, Counts, DirectLighting, Frame, Geometry, RenderParams, ShadingPoint, luminance};
 
 use super::lightcut::{LightcutMethod, LightcutScratch, REMEMBERED, transfer};
+use super::view::albedo;
 use lights::NodeLights;
 pub(crate) use show::Show;
 pub(crate) use stages::Stages;
 use stages::{Stage, Watch};
-
-/// Rays for a record's harmonic mean distance.
-const GATHER_RAYS: u32 = 16;
+pub(crate) use view::View;
+use view::asks_lights_with_area;
 
 /// Merged cuts that a thread remembers: those around some rows of 8 × 8 squares; some 15 MB.
 const REMEMBERED_MERGES: usize = 256;
@@ -43,21 +40,34 @@ pub(crate) struct CutInterpParams {
     pub(crate) visibility: Visibility,
     /// Where records are.
     pub(crate) placement: PlacementParams,
-    /// Difference of levels beyond which the finest of the cuts is taken.
-    pub(crate) finer_beyond: f32,
+    /// Difference of levels beyond which cuts are not averaged; infinite: they always are.
+    pub(crate) beyond: f32,
+    /// What is done there instead.
+    pub(crate) where_beyond: WhereBeyond,
     /// Difference of neighbouring records' brightness that makes for a second round of records; infinite: none.
     pub(crate) spread: f32,
+    /// Whether shadow rays of a square of pixels go from each light to all of its points at once.
+    pub(crate) rays_from_lights: bool,
     /// What is painted.
     pub(crate) show: Show,
+}
+
+/// What is done where the inputs' levels differ too much.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum WhereBeyond {
+    /// The finest input is taken.
+    Finest,
+    /// The cut is refined for the point itself by the bound of the error, from the coarsest to the finest input.
+    Refine,
 }
 
 /// Records of one view, ready to shade.
 pub(crate) struct CutInterpMethod<'a> {
     lightcut: LightcutMethod<'a>,
-    levels: &'a Levels,
     params: CutInterpParams,
-    records: Records,
+    view: View,
     grid: RecordGrid,
+    lights: NodeLights,
     width: u32,
     /// Counted before the picture.
     counts: Counts,
@@ -66,81 +76,24 @@ pub(crate) struct CutInterpMethod<'a> {
 }
 
 impl<'a> CutInterpMethod<'a> {
-    /// Places records in the picture that `camera` takes, and finds their exact cuts, on all threads of the current pool.
+    /// Places records in the picture that `camera` takes, and finds their exact cuts, on all threads of the current pool; beside those of
+    /// `last` that are of use still, see [`View::take`].
     pub(crate) fn prepare<Q: Geometry>(
         frame: &Frame<'_, Q>,
         camera: &Camera,
         render: &RenderParams,
         lightcut: LightcutMethod<'a>,
-        levels: &'a Levels,
+        levels: &Levels,
         params: CutInterpParams,
+        last: Option<&View>,
     ) -> Self {
         let stages = Stages::default();
-        let watch = Watch::start();
-        let seen = seen_points(frame, camera, render);
-        let points: Vec<Option<Point>> =
-            seen.iter().map(|seen| seen.as_ref().map(|p| as_point(p, camera, render))).collect();
-        let image = PointImage { width: render.width, points: &points };
-        stages.add(Stage::Points, watch.all_threads());
-
-        // Place records, and find their cuts.
-        let watch = Watch::start();
-        let gather = |rays: &mut Q::Scratch, pixel: u32, reach: f32| {
-            seen[pixel as usize]
-                .as_ref()
-                .map_or(f32::INFINITY, |point| harmonic_mean(frame, point, reach, rays))
-        };
-        let mut placed = cutinterp::place(&params.placement, &image, &[], Q::Scratch::default, gather);
-        stages.add(Stage::Placement, watch.all_threads());
-        let watch = Watch::start();
-        let point_of = |placed: &Placed| seen[placed.pixel as usize].as_ref().expect("records are at points");
-        let mut cuts = exact_cuts(frame, &lightcut, &placed, point_of);
-        stages.add(Stage::Records, watch.all_threads());
-
-        // Where neighbours disagree, shrink them, and fill the gaps.
-        if params.spread.is_finite() {
-            let watch = Watch::start();
-            shrink_where_bright_and_dark_meet(&params, &image, &mut placed, &cuts);
-            let shrunk = &placed;
-            let grid = grid_of(render, &image, shrunk);
-            let near = |rays: &mut Q::Scratch, pixel: u32, reach: f32| {
-                let mean = gather(rays, pixel, reach);
-                let Some(point) = &points[pixel as usize] else { return mean };
-                let ids = grid.at(pixel % render.width, pixel / render.width);
-                // No larger than the shrunk records around it.
-                ids.iter().map(|&id| &shrunk[id as usize]).fold(mean, |mean, record| {
-                    let site = image.site(record);
-                    let weight = params.placement.weights.weight(point.position, point.normal, &site);
-                    if weight > 0.0 && record.harmonic_mean < 0.0 {
-                        mean.min(2.0 * record.radius)
-                    } else {
-                        mean
-                    }
-                })
-            };
-            let more = cutinterp::place(&params.placement, &image, shrunk, Q::Scratch::default, near);
-            stages.add(Stage::Placement, watch.all_threads());
-            let watch = Watch::start();
-            cuts.extend(exact_cuts(frame, &lightcut, &more, point_of));
-            placed.extend(more);
-            stages.add(Stage::Records, watch.all_threads());
-        }
-
-        // Put them where points find them.
-        let (mut records, mut counts) = (Records::default(), Counts::default());
-        for (placed, cut) in placed.iter().zip(cuts) {
-            let footprint = points[placed.pixel as usize].map_or(0.0, |point| point.footprint);
-            counts.add(&cut.counts);
-            records.push(
-                image.site(placed),
-                placed.harmonic_mean,
-                footprint,
-                cut.brightness,
-                cut.nodes.into_iter(),
-            );
-        }
-        let grid = grid_of(render, &image, &placed);
-        Self { lightcut, levels, params, records, grid, width: render.width, counts, stages }
+        let (view, grid, counts) =
+            View::take(frame, camera, render, &lightcut, levels, &params, last, &stages);
+        let mut watch = Watch::start();
+        let lights = NodeLights::of(frame, &lightcut, &view.canopy);
+        stages.add(Stage::Canopy, watch.lap_on_all_threads());
+        Self { lightcut, params, view, grid, lights, width: render.width, counts, stages }
     }
 
     /// What the records took: the renderer counts only what happens during the picture.
@@ -148,14 +101,21 @@ impl<'a> CutInterpMethod<'a> {
         &self.counts
     }
 
-    /// Number of records.
-    pub(crate) fn records(&self) -> usize {
-        self.records.len()
+    /// A line for people: how many records there are, what they hold, and where the time went.
+    pub(crate) fn summary(&self) -> String {
+        format!(
+            "{} records, {} of them kept, {} nodes within their reach, {} bytes in all; {}",
+            self.view.records.len(),
+            self.view.kept,
+            self.view.canopy.len(),
+            self.view.bytes() + self.grid.bytes() + self.lights.bytes(),
+            self.stages
+        )
     }
 
-    /// Bytes of records and grid.
-    pub(crate) fn bytes(&self) -> usize {
-        self.records.bytes() + self.grid.bytes()
+    /// What the next frame may keep.
+    pub(crate) fn into_view(self) -> View {
+        self.view
     }
 
     fn select(&self, point: &ShadingPoint) -> Option<Selection> {
@@ -163,19 +123,79 @@ impl<'a> CutInterpMethod<'a> {
         let ids = self.grid.at(point.pixel % self.width, point.pixel / self.width);
         let weighed = ids
             .iter()
-            .map(|&id| (id, weights.weight(point.position, point.normal, &self.records.get(id).site)));
+            .map(|&id| (id, weights.weight(point.position, point.normal, &self.view.records.get(id).site)));
         Selection::best(weighed, weights.epsilon)
+    }
+
+    /// Lays the cuts of a selection over one another.
+    fn merge(&self, selection: &Selection, merged: &mut MergedCuts) {
+        let hidden = match self.params.visibility {
+            Visibility::Interpolated if self.params.show == Show::Picture => Hidden::Drop,
+            _ => Hidden::Keep,
+        };
+        let mut inputs = [InputCut { nodes: &[], visible: &[] }; 3];
+        for (input, &id) in inputs.iter_mut().zip(selection.records()) {
+            *input = self.view.records.cut(id);
+        }
+        merged.merge_in(&self.view.canopy, &inputs[..selection.len()], hidden);
+    }
+
+    /// The interpolated cut of a point.
+    fn interpolate(
+        &self,
+        point: &ShadingPoint,
+        selection: &Selection,
+        merged: &MergedCuts,
+        chosen: &mut Vec<Chosen>,
+        counts: &mut Counts,
+    ) {
+        let (weights, beyond) = (selection.weights(), self.params.beyond);
+        if self.params.where_beyond == WhereBeyond::Finest {
+            merged.select(weights, beyond, chosen);
+            return;
+        }
+        let brightness = |(&id, weight): (&u32, &f32)| weight * self.view.records.get(id).brightness;
+        let lit: f32 = selection.records().iter().zip(weights).map(brightness).sum();
+        let tolerated = f64::from(self.lightcut.params.threshold * lit * albedo(point));
+        let mut bounded = 0;
+        let refine = |entry| {
+            bounded += 1;
+            self.bound(point, merged.node(entry)) > tolerated
+        };
+        merged.select_refining(weights, beyond, refine, chosen);
+        counts.node_visits += bounded;
+    }
+
+    /// Bound of the luminance that a node can give to a point.
+    fn bound(&self, point: &ShadingPoint, node: NodeId) -> f64 {
+        let LightcutMethod { tree, representatives, .. } = self.lightcut;
+        let node = self.view.canopy.in_tree(node);
+        let (bounds, intensity) = (tree.bounds(node), luminance(representatives.intensity(tree, node)));
+        if bounds.intensity == 0.0 || intensity == 0.0 {
+            return 0.0;
+        }
+        GeometricBound.bound(&bounds, point).upper / f64::from(bounds.intensity) * f64::from(intensity)
+    }
+
+    /// How many pixels lie between a point and the nearest record that it uses, at its own distance from the eye.
+    fn pixels_from_record(&self, point: &ShadingPoint) -> f32 {
+        let near = self.grid.at(point.pixel % self.width, point.pixel / self.width).iter();
+        near.map(|&id| self.view.records.get(id))
+            .map(|r| r.site.position.distance(point.position) / r.footprint)
+            .fold(f32::INFINITY, f32::min)
     }
 }
 
 /// Reused from call to call.
 pub(crate) struct CutInterpScratch {
     lightcut: LightcutScratch,
-    merges: MergeCache<NodeLights>,
+    merges: MergeCache<()>,
     selections: Vec<Option<Selection>>,
     order: Vec<u32>,
     chosen: Vec<Chosen>,
     unoccluded: Vec<Vec3>,
+    wanted: Vec<Wanted>,
+    asked: Asked,
 }
 
 impl Default for CutInterpScratch {
@@ -187,6 +207,8 @@ impl Default for CutInterpScratch {
             order: Vec::new(),
             chosen: Vec::new(),
             unoccluded: Vec::new(),
+            wanted: Vec::new(),
+            asked: Asked::default(),
         }
     }
 }
@@ -203,7 +225,8 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
         radiance: &mut [DVec3],
         counts: &mut Counts,
     ) {
-        let CutInterpScratch { lightcut, merges, selections, order, chosen, unoccluded } = scratch;
+        let CutInterpScratch { lightcut, merges, selections, order, chosen, unoccluded, wanted, asked } =
+            scratch;
         lightcut.blockers.resize(REMEMBERED, Q::NO_BLOCKER);
 
         // Find each point's records, and put points with the same ones side by side.
@@ -230,62 +253,117 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             let point = &points[i];
 
             // Interpolate the cuts.
-            let (merged, lights) = merges.get(selection.records(), |merged, lights| {
-                let hidden = match self.params.visibility {
-                    Visibility::Interpolated if self.params.show == Show::Picture => Hidden::Drop,
-                    _ => Hidden::Keep,
-                };
-                let [a, b, c] =
-                    [0, 1, 2].map(|at| selection.records().get(at).map(|&id| self.records.cut(id)));
-                let inputs = [a, b, c].map(|cut| cut.or(a).expect("a selection has a record"));
-                merged.merge(self.lightcut.tree, self.levels, &inputs[..selection.len()], hidden);
-                lights.fill(frame, &self.lightcut, merged.nodes());
-            });
+            let (merged, ()) = merges.get(selection.records(), |merged, ()| self.merge(selection, merged));
             self.stages.add(Stage::Merging, watch.lap());
-            merged.select(selection.weights(), self.params.finer_beyond, chosen);
+            self.interpolate(point, selection, merged, chosen, counts);
             counts.add_cut(chosen.len() as u64);
             counts.node_visits += merged.len() as u64;
             self.stages.add(Stage::Interpolation, watch.lap());
 
-            // Light the point by it.
-            unoccluded.clear();
-            unoccluded.extend(chosen.iter().map(|node| lights.unoccluded(frame, point, node.entry, counts)));
+            // Light the point by them, without shadows.
+            self.lights.unoccluded(frame, point, (merged, chosen), unoccluded, counts);
             counts.light_evaluations += chosen.len() as u64;
             self.stages.add(Stage::Shading, watch.lap());
-            if lights.any_with_area() && asks_lights_with_area(frame) {
+            if self.params.show != Show::Picture {
+                let pixels = self.pixels_from_record(point);
+                radiance[i] = self.params.show.paint(selection, pixels, chosen, unoccluded);
+                continue;
+            }
+            if self.lights.any_with_area() && asks_lights_with_area(frame) {
                 for (node, light) in chosen.iter().zip(unoccluded.iter_mut()) {
-                    if let Some(id) = lights.with_area(node.entry) {
+                    let node = merged.node(node.entry);
+                    if let Some(id) = self.lights.with_area(node) {
                         let asked = transfer(frame, point, id, &mut lightcut.blockers, rays, counts);
-                        radiance[i] += (asked.arrived * lights.intensity(node.entry)).as_dvec3();
+                        radiance[i] += (asked.arrived * self.lights.intensity(node)).as_dvec3();
                         *light = Vec3::ZERO;
                     }
                 }
+                self.stages.add(Stage::Rays, watch.lap());
             }
-            let mut occluded = |entry: u32| {
-                let (segment, light) = lights.segment(frame, point, entry);
-                let blocker = &mut lightcut.blockers[light.0 as usize % REMEMBERED];
-                frame.rays.occluded_via(&segment, blocker, rays)
-            };
-            let lit = cutinterp::sum_up(self.params.visibility, chosen, unoccluded, |at| {
-                occluded(chosen[at].entry)
-            });
-            counts.shadow_rays += u64::from(lit.rays);
-            match self.params.show {
-                Show::Picture => radiance[i] += lit.radiance,
-                show => radiance[i] = show.paint(selection, self.pixel_of(point), chosen, unoccluded),
-            }
+
+            // Add it up, and ask for shadows where they are wanted.
+            radiance[i] += cutinterp::assume(self.params.visibility, chosen, unoccluded, wanted);
+            counts.shadow_rays += wanted.len() as u64;
             self.stages.add(Stage::Summing, watch.lap());
+            for wanted in wanted.iter() {
+                let (node, light) =
+                    (merged.node(chosen[wanted.at as usize].entry), unoccluded[wanted.at as usize]);
+                if self.params.rays_from_lights
+                    && let Some((id, place)) = self.lights.at_one_place(node)
+                {
+                    let [seen, occluded] =
+                        [false, true].map(|occluded| wanted.correction(light, occluded).as_vec3());
+                    asked.push(id.0, Ask { point: i as u32, place, seen, occluded });
+                    continue;
+                }
+                let (segment, id) = self.lights.segment(frame, point, node);
+                let blocker = &mut lightcut.blockers[id.0 as usize % REMEMBERED];
+                let occluded = frame.rays.occluded_via(&segment, blocker, rays);
+                radiance[i] += wanted.correction(light, occluded);
+            }
+            if !wanted.is_empty() {
+                self.stages.add(Stage::Rays, watch.lap());
+            }
         }
+        asked.answer(frame, points, rays, radiance);
+        self.stages.add(Stage::Rays, watch.lap());
     }
 }
 
-impl CutInterpMethod<'_> {
-    /// How many pixels lie between a point and the nearest record that it uses, at its own distance from the eye.
-    fn pixel_of(&self, point: &ShadingPoint) -> f32 {
-        let near = self.grid.at(point.pixel % self.width, point.pixel / self.width).iter();
-        near.map(|&id| self.records.get(id))
-            .map(|r| r.site.position.distance(point.position) / r.footprint)
-            .fold(f32::INFINITY, f32::min)
+/// A shadow ray between a light and a point.
+#[derive(Clone, Copy, Debug)]
+struct Ask {
+    /// Index of the point.
+    point: u32,
+    /// Where the light is.
+    place: Vec3,
+    /// What to add if it is seen.
+    seen: Vec3,
+    /// What to add if it is not.
+    occluded: Vec3,
+}
+
+/// Shadow rays of a square of pixels, to be cast light by light: neighbours ask the same lights, and rays from one place to
+/// neighbours go down the tree together. 48 bytes each.
+#[derive(Debug, Default)]
+struct Asked {
+    asks: Vec<Ask>,
+    /// Light in the upper half, index of the ask in the lower.
+    order: Vec<u64>,
+    targets: Vec<Vec3>,
+    blocked: Vec<bool>,
+}
+
+impl Asked {
+    fn push(&mut self, light: u32, ask: Ask) {
+        self.order.push(u64::from(light) << 32 | self.asks.len() as u64);
+        self.asks.push(ask);
+    }
+
+    /// Casts all of them, adds what they find, and forgets them.
+    fn answer<Q: Geometry>(
+        &mut self,
+        frame: &Frame<'_, Q>,
+        points: &[ShadingPoint],
+        rays: &mut Q::Scratch,
+        radiance: &mut [DVec3],
+    ) {
+        let Self { asks, order, targets, blocked } = self;
+        order.sort_unstable();
+        let ask = |at: &u64| &asks[(at & u64::from(u32::MAX)) as usize];
+        for same in order.chunk_by(|a, b| a >> 32 == b >> 32) {
+            targets.clear();
+            targets.extend(same.iter().map(|at| points[ask(at).point as usize].origin()));
+            blocked.clear();
+            blocked.resize(targets.len(), false);
+            frame.rays.occluded_from(ask(&same[0]).place, targets, blocked, rays);
+            for (at, &blocked) in same.iter().zip(blocked.iter()) {
+                let Ask { point, seen, occluded, .. } = ask(at);
+                radiance[*point as usize] += if blocked { occluded } else { seen }.as_dvec3();
+            }
+        }
+        asks.clear();
+        order.clear();
     }
 }
 
@@ -293,145 +371,4 @@ impl CutInterpMethod<'_> {
 fn ids_of(selection: Option<&Selection>) -> [u32; 3] {
     let at = |i: usize| selection.and_then(|s| s.records().get(i)).copied().unwrap_or(u32::MAX);
     [at(0), at(1), at(2)]
-}
-
-/// What the camera sees through the middle of nothing in particular: each pixel's first sample, as the renderer will take it.
-pub(super) fn seen_points<Q: Geometry>(
-    frame: &Frame<'_, Q>,
-    camera: &Camera,
-    render: &RenderParams,
-) -> Vec<Option<ShadingPoint>> {
-    let (width, height, sample) = (render.width, render.height, render.first_sample);
-    let row = |scratch: &mut Q::Scratch, y: u32| -> Vec<Option<ShadingPoint>> {
-        let mut counts = Counts::default();
-        let pixels = y * width..(y + 1) * width;
-        let mut randoms: Vec<Random> = pixels
-            .clone()
-            .map(|pixel| Random::new(frame.seed ^ Purpose::Camera.salt(), pixel, sample))
-            .collect();
-        let rays: Vec<Ray> = (0..width)
-            .zip(&mut randoms)
-            .map(|(x, random)| {
-                let at = Vec2::new(x as f32, y as f32) + Vec2::new(random.f32(), random.f32());
-                camera.ray(at, width, height)
-            })
-            .collect();
-        let mut hits = vec![None; rays.len()];
-        frame.rays.closest_each(&rays, &mut hits, scratch);
-        pixels
-            .zip(&mut randoms)
-            .zip(rays.iter().zip(hits))
-            .map(|((pixel, random), (ray, hit))| {
-                camera_path(frame, ray, hit, pixel, sample, random, scratch, &mut counts).point
-            })
-            .collect()
-    };
-    let rows: Vec<_> = (0..height).into_par_iter().map_init(Q::Scratch::default, row).collect();
-    rows.concat()
-}
-
-/// A point as records see it. Through mirrors the footprint is that of the straight line to the eye: too small, which only makes for more records.
-fn as_point(point: &ShadingPoint, camera: &Camera, render: &RenderParams) -> Point {
-    let per_distance = 2.0 * (0.5 * camera.vertical_fov).tan() / render.height as f32;
-    let spacing = point.position.distance(camera.position) * per_distance;
-    // At grazing angles a pixel covers more, up to a hundred times.
-    let cos = point.normal.dot(point.wo).max(1e-2);
-    Point { position: point.position, normal: point.normal, footprint: spacing / cos.sqrt(), spacing }
-}
-
-/// Harmonic mean distance to what is within `reach` of a point, over directions of its hemisphere, those near the normal more often.
-fn harmonic_mean<Q: Geometry>(
-    frame: &Frame<'_, Q>,
-    point: &ShadingPoint,
-    reach: f32,
-    scratch: &mut Q::Scratch,
-) -> f32 {
-    let mut random = Random::new(frame.seed ^ Purpose::Path.salt(), point.pixel, point.sample);
-    let (tangent, bitangent) = point.geometric_normal.any_orthonormal_pair();
-    let mut sum = 0.0;
-    for i in 0..GATHER_RAYS {
-        // Strata of the angle around the normal.
-        let (u, v) = (random.f32(), (i as f32 + random.f32()) / GATHER_RAYS as f32);
-        let (sin, cos) = (core::f32::consts::TAU * v).sin_cos();
-        let r = u.sqrt();
-        let wi =
-            tangent * (r * cos) + bitangent * (r * sin) + point.geometric_normal * (1.0 - u).max(0.0).sqrt();
-        let ray = Ray { t_max: reach, ..point.leave(wi) };
-        if let Some(hit) = frame.rays.closest(&ray, scratch) {
-            sum += 1.0 / f64::from(hit.t);
-        }
-    }
-    (f64::from(GATHER_RAYS) / sum) as f32
-}
-
-/// Whether points cast their own shadow rays to lights with an area, whatever the mode. A shadow ray goes to one random place on such a light, so
-/// what one record found there says little about its neighbours; and where they are few, they are what sharp shadows come from.
-fn asks_lights_with_area<Q>(frame: &Frame<'_, Q>) -> bool {
-    frame.area_lights <= BruteForce::OWN_POINTS
-}
-
-/// The exact cut of a record.
-struct ExactCut {
-    nodes: Vec<(NodeId, bool)>,
-    /// Luminance of the light on it, without the colour of the surface where that is diffuse.
-    brightness: f32,
-    counts: Counts,
-}
-
-fn exact_cuts<'p, Q: Geometry>(
-    frame: &Frame<'_, Q>,
-    method: &LightcutMethod<'_>,
-    placed: &[Placed],
-    point_of: impl Fn(&Placed) -> &'p ShadingPoint + Sync,
-) -> Vec<ExactCut> {
-    let lightcut =
-        Lightcut { tree: method.tree, representatives: method.representatives, params: method.params };
-    let init = || (LightcutScratch::default(), Q::Scratch::default(), Cut::default());
-    let one = |(scratch, rays, cut): &mut (LightcutScratch, Q::Scratch, Cut<lightcut::Estimate>),
-               placed: &Placed| {
-        let (point, mut counts) = (point_of(placed), Counts::default());
-        let LightcutScratch { cut: selector, blockers } = scratch;
-        blockers.resize(REMEMBERED, Q::NO_BLOCKER);
-        let transfer = |id| transfer(frame, point, id, blockers, rays, &mut counts);
-        lightcut.cut(point, &GeometricBound, transfer, selector, cut);
-        let asks = asks_lights_with_area(frame);
-        let is_asked = |node| {
-            asks && !frame.lights[lightcut.representatives.light(method.tree, node).0 as usize].is_point()
-        };
-        let nodes =
-            cut.iter().map(|(node, estimate)| (node, estimate.seen() >= 0.5 || is_asked(node))).collect();
-        let lit: f64 = cut.values().iter().map(lightcut::Estimate::luminance).sum();
-        let albedo = luminance(point.bsdf.diffuse_albedo(point.normal, point.wo));
-        let brightness = lit as f32 / if albedo > 0.0 { albedo } else { 1.0 };
-        ExactCut { nodes, brightness, counts }
-    };
-    placed.par_iter().map_init(init, one).collect()
-}
-
-/// Halves the radius of records that disagree with a neighbour, and marks them by a harmonic mean below zero.
-fn shrink_where_bright_and_dark_meet(
-    params: &CutInterpParams,
-    image: &PointImage<'_>,
-    placed: &mut [Placed],
-    cuts: &[ExactCut],
-) {
-    let weights = &params.placement.weights;
-    let sites: Vec<Site> = placed.iter().map(|p| image.site(p)).collect();
-    let brightness: Vec<f32> = cuts.iter().map(|cut| cut.brightness).collect();
-    let image_sites: Vec<_> = placed.iter().map(|p| image.image_site(p)).collect();
-    let grid = RecordGrid::new(image.width, image.height(), CELL, &image_sites);
-    let neighbours = |i: usize| grid.at(placed[i].pixel % image.width, placed[i].pixel / image.width);
-    let marked = cutinterp::disagreeing(weights, &sites, &brightness, params.spread, neighbours);
-    for (record, marked) in placed.iter_mut().zip(marked) {
-        if marked {
-            let footprint = image.points[record.pixel as usize].map_or(0.0, |point| point.footprint);
-            record.radius = cutinterp::disagreement_radius(weights, record.radius, footprint);
-            record.harmonic_mean = -record.harmonic_mean;
-        }
-    }
-}
-
-fn grid_of(render: &RenderParams, image: &PointImage<'_>, placed: &[Placed]) -> RecordGrid {
-    let sites: Vec<_> = placed.iter().map(|p| image.image_site(p)).collect();
-    RecordGrid::new(render.width, render.height, CELL, &sites)
 }

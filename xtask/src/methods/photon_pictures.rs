@@ -6,7 +6,7 @@ use scene::{RenderParams, Rendered, Scene, SceneRays, builtin};
 
 use super::Method;
 use crate::settings::Settings;
-use crate::shot::{Gi, Plan, Stage};
+use crate::shot::{Gi, Left, Plan, Stage};
 
 /// A built-in scene and rays against it.
 struct Room {
@@ -39,7 +39,11 @@ impl Room {
         let gi = if method == Method::Path { Gi::Path } else { Gi::None };
         let plan = Plan { method, settings, gi, bounces: 3, seed, light_seed: seed };
         let stage = Stage { scene: &self.scene, rays: &self.rays, camera: &self.scene.cameras[0] };
-        stage.render_after(&plan, &stage.prepare(&plan).unwrap(), params, &(), clusters).unwrap()
+        let mut left = Left { clusters: clusters.take(), ..Left::default() };
+        let picture =
+            stage.render_after(&plan, &stage.prepare(&plan).unwrap(), params, &(), &mut left).unwrap();
+        *clusters = left.clusters;
+        picture
     }
 }
 

@@ -6,14 +6,13 @@
 
 use cutinterp::{Impostors, Levels, Reconstruction, ReconstructionParams};
 use glam::{DVec3, Vec3};
-use lightcut::{Estimate, Lightcut};
-use lighttree::{Cut, GeometricBound, NodeId};
+use lighttree::NodeId;
 use rayon::prelude::*;
 use scene::{Camera, Counts, DirectLighting, Frame, Geometry, RenderParams, ShadingPoint, luminance};
 
 use super::cutinterp::lights::impostor;
-use super::cutinterp::seen_points;
 use super::lightcut::{LightcutMethod, LightcutScratch, REMEMBERED, transfer};
+use super::view::{CutScratch, albedo, seen_points};
 
 /// Sides of blocks, largest first.
 const BLOCKS: [u32; 4] = [16, 8, 4, 2];
@@ -80,12 +79,10 @@ impl<'a> ReconMethod<'a> {
             .collect();
         wanted.sort_unstable();
         wanted.dedup();
-        let init = || (LightcutScratch::default(), Q::Scratch::default(), Cut::default());
         let made: Vec<(Corner, Counts)> = wanted
             .par_iter()
-            .map_init(init, |(scratch, rays, cut), &pixel| {
-                let point = of(pixel).expect("corners are points");
-                corner(frame, &lightcut, point, scratch, rays, cut)
+            .map_init(CutScratch::default, |scratch, &pixel| {
+                corner(frame, &lightcut, of(pixel).expect("corners are points"), scratch)
             })
             .collect();
         let (mut corner_at, mut counts) = (vec![NONE; blocks.len()], Counts::default());
@@ -154,17 +151,9 @@ fn corner<Q: Geometry>(
     frame: &Frame<'_, Q>,
     method: &LightcutMethod<'_>,
     point: &ShadingPoint,
-    scratch: &mut LightcutScratch,
-    rays: &mut Q::Scratch,
-    cut: &mut Cut<Estimate>,
+    scratch: &mut CutScratch<Q>,
 ) -> (Corner, Counts) {
-    let lightcut =
-        Lightcut { tree: method.tree, representatives: method.representatives, params: method.params };
-    let mut counts = Counts::default();
-    let LightcutScratch { cut: selector, blockers } = scratch;
-    blockers.resize(REMEMBERED, Q::NO_BLOCKER);
-    let asked = |id| transfer(frame, point, id, blockers, rays, &mut counts);
-    lightcut.cut(point, &GeometricBound, asked, selector, cut);
+    let (cut, counts) = scratch.exact_cut(frame, method, point);
     let of = |i: usize| {
         let node = cut.nodes()[i];
         if cut.values()[i].seen() == 0.0 {
@@ -192,12 +181,6 @@ fn scatter(point: &ShadingPoint, wi: Vec3) -> Vec3 {
     } else {
         point.bsdf.scatter(point.normal, point.wo, wi)
     }
-}
-
-/// Luminance of the diffuse part, or 1 where there is none.
-fn albedo(point: &ShadingPoint) -> f32 {
-    let albedo = luminance(point.bsdf.diffuse_albedo(point.normal, point.wo));
-    if albedo > 0.0 { albedo } else { 1.0 }
 }
 
 /// Reused from call to call.

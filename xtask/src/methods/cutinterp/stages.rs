@@ -13,29 +13,35 @@ pub(crate) enum Stage {
     Placement,
     /// Their exact cuts, with shadow rays.
     Records,
+    /// Laying out what their cuts reach of the tree, and looking its lights up.
+    Canopy,
     /// Choice of the records that each point uses.
     Selection,
-    /// Laying cuts over one another, and looking their lights up.
+    /// Laying cuts over one another.
     Merging,
     /// Cuts and visibilities of each point.
     Interpolation,
     /// Unoccluded light of each node on each point.
     Shading,
-    /// Sums, with shadow rays where there are any.
+    /// Sums, and lists of the shadow rays that they want.
     Summing,
+    /// Shadow rays of the picture's points.
+    Rays,
     /// Exact cuts of points without a record.
     FallBacks,
 }
 
-const NAMES: [&str; 9] = [
+const NAMES: [&str; 11] = [
     "points",
     "placement",
     "records",
+    "canopy",
     "selection",
     "merging",
     "interpolation",
     "shading",
     "summing",
+    "rays",
     "fall-backs",
 ];
 
@@ -73,8 +79,8 @@ impl Watch {
         now - core::mem::replace(&mut self.0, now)
     }
 
-    /// Time since the start on all threads, for work that all of them share.
-    pub(crate) fn all_threads(&self) -> Duration {
-        self.0.elapsed() * rayon::current_num_threads() as u32
+    /// The same on all threads, for work that all of them share.
+    pub(crate) fn lap_on_all_threads(&mut self) -> Duration {
+        self.lap() * rayon::current_num_threads() as u32
     }
 }

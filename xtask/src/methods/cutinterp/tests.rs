@@ -1,0 +1,137 @@
+//! What must hold of pictures by interpolated cuts.
+
+use scene::{Camera, RenderParams, Rendered, Scene, SceneRays, builtin, compare};
+
+use crate::methods::Method;
+use crate::settings::Settings;
+use crate::shot::{Gi, Left, Plan, Stage};
+
+const SIZE: u32 = 48;
+
+/// The Cornell box by virtual lights.
+struct Box {
+    scene: Scene,
+    rays: SceneRays,
+    camera: Camera,
+}
+
+impl Box {
+    fn new() -> Self {
+        let scene = builtin("cornell").unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        let camera = scene.cameras[0].clone();
+        Self { scene, rays, camera }
+    }
+
+    fn picture(&self, method: &str, set: &[&str]) -> Rendered {
+        self.after(method, set, &params(), &self.camera, &mut Left::default())
+    }
+
+    fn after(
+        &self,
+        method: &str,
+        set: &[&str],
+        params: &RenderParams,
+        camera: &Camera,
+        left: &mut Left,
+    ) -> Rendered {
+        let method = Method::named(method).unwrap();
+        let set: Vec<_> = [&["clamp=4"], set].concat().into_iter().map(str::to_owned).collect();
+        let settings = Settings::parse("x", &method.keys(), &set).unwrap();
+        let stage = Stage { scene: &self.scene, rays: &self.rays, camera };
+        let plan = Plan { method, settings, gi: Gi::Vpl(3000), bounces: 3, seed: 1, light_seed: 1 };
+        stage.render_after(&plan, &stage.prepare(&plan).unwrap(), params, &(), left).unwrap()
+    }
+}
+
+fn params() -> RenderParams {
+    RenderParams { width: SIZE, height: SIZE, threads: 2, ..RenderParams::default() }
+}
+
+fn relmse(picture: &Rendered, truth: &Rendered) -> f64 {
+    compare(&picture.film, &truth.film, None).unwrap().relmse
+}
+
+#[test]
+fn shadows_are_the_same_from_wherever_their_rays_come() {
+    let set = Box::new();
+    for visibility in ["visibility=full", "visibility=adaptive"] {
+        let from_lights = set.picture("cutinterp", &[visibility, "rays_from=lights"]);
+        let from_points = set.picture("cutinterp", &[visibility, "rays_from=points"]);
+        assert_eq!(from_lights.counts, from_points.counts, "{visibility}");
+        let difference = relmse(&from_lights, &from_points);
+        // A ray along an edge may fall to either side of it.
+        assert!(difference < 1e-5, "{visibility}: {difference}");
+        assert!(from_lights.counts.shadow_rays > 0);
+    }
+}
+
+#[test]
+fn more_rays_bring_it_nearer_to_all_lights() {
+    let set = Box::new();
+    let brute = set.picture("brute", &[]);
+    let error = |visibility: &str| {
+        let picture = set.picture("cutinterp", &[visibility]);
+        (relmse(&picture, &brute), picture.counts.shadow_rays)
+    };
+    let (full, adaptive, interpolated) =
+        (error("visibility=full"), error("visibility=adaptive"), error("visibility=interpolated"));
+    assert!(full.1 > adaptive.1 && adaptive.1 > interpolated.1, "{full:?} {adaptive:?} {interpolated:?}");
+    let lightcut = relmse(&set.picture("lightcut", &["threshold=0.01"]), &brute);
+    assert!(full.0 < 2.0 * lightcut + 1e-4, "{} against {lightcut}", full.0);
+    assert!(adaptive.0 < interpolated.0 && interpolated.0 < 0.05, "{full:?} {adaptive:?} {interpolated:?}");
+}
+
+#[test]
+fn a_view_keeps_the_records_whose_places_are_still_seen() {
+    let set = Box::new();
+    let mut left = Left::default();
+    let first = set.after("cutinterp-vis", &[], &params(), &set.camera, &mut left);
+    let records = left.view.as_ref().unwrap().records.len();
+    assert_eq!(left.view.as_ref().unwrap().kept, 0);
+
+    // Nothing has moved: every record serves again, and no ray is cast for any of them.
+    let second = set.after("cutinterp-vis", &[], &params(), &set.camera, &mut left);
+    let again = left.view.as_ref().unwrap();
+    assert_eq!(again.kept, records);
+    assert!(again.records.len() * 20 <= records * 21, "{} after {records}", again.records.len());
+    assert!(second.counts.shadow_rays * 4 < first.counts.shadow_rays);
+    assert!(relmse(&second, &first) < 1e-4);
+
+    // Ten degrees further round, most are.
+    let turned = set.camera.turned_about(glam::Vec3::ZERO, glam::Vec3::Y, 0.17);
+    let third = set.after("cutinterp-vis", &[], &params(), &turned, &mut left);
+    let kept = left.view.as_ref().unwrap().kept;
+    assert!(kept > records / 4 && kept < records * 21 / 20, "{kept} of {records}");
+    let anew = set.after("cutinterp-vis", &[], &params(), &turned, &mut Left::default());
+    let brute = set.after("brute", &[], &params(), &turned, &mut Left::default());
+    let (kept, anew) = (relmse(&third, &brute), relmse(&anew, &brute));
+    assert!(kept < 1.5 * anew + 1e-4, "{kept} with kept records, {anew} without");
+}
+
+#[test]
+fn threads_and_parts_of_pictures_do_not_show() {
+    let set = Box::new();
+    for (method, dials) in [
+        ("cutinterp", vec!["spread=0.3"]),
+        ("cutinterp", vec!["visibility=adaptive", "beyond=0.5"]),
+        ("cutinterp-vis", vec!["beyond=0.5", "where_beyond=finest"]),
+        ("recon", vec![]),
+    ] {
+        let whole = set.picture(method, &dials);
+        let alone = set.after(
+            method,
+            &dials,
+            &RenderParams { threads: 1, ..params() },
+            &set.camera,
+            &mut Left::default(),
+        );
+        assert_eq!((&whole.film, &whole.counts), (&alone.film, &alone.counts), "{method} {dials:?}");
+        let few = RenderParams { pixels: Some(300), ..params() };
+        let few = set.after(method, &dials, &few, &set.camera, &mut Left::default());
+        let mask = few.mask.unwrap();
+        for (i, _) in mask.iter().enumerate().filter(|(_, rendered)| **rendered) {
+            assert_eq!(few.film.pixels[i], whole.film.pixels[i], "{method} {dials:?}, pixel {i}");
+        }
+    }
+}

@@ -74,7 +74,7 @@ fn case(name: &'static str, start: &Baker, before: &Host, seen: &View, budget: S
         // What is right is known in the end.
         let mut states = vec![(0, narrowed(&view.sums))];
         finish(&mut baker, &host, &mut view, budget, |view| {
-            states.push((view.accumulations, narrowed(&view.sums)))
+            states.push((view.accumulations, narrowed(&view.sums)));
         });
         let truth = states.last().unwrap().1.clone();
         let initial = rms(&states[0].1, &truth);
@@ -110,11 +110,14 @@ fn area(curve: &Curve, end: f64) -> f64 {
     curve.windows(2).map(step).sum()
 }
 
+/// Name, size, paths, clusters, and pixels of the view.
+type Run = (&'static str, usize, u32, usize, (u32, u32));
+
 fn main() {
     let args: Vec<String> = std::env::args().collect();
     let quick = args.iter().any(|arg| arg == "--quick" || arg == "--test");
     let svg = args.iter().position(|arg| arg == "--svg").and_then(|i| args.get(i + 1));
-    let scenes: &[(&str, usize, u32, usize, (u32, u32))] = if quick {
+    let scenes: &[Run] = if quick {
         &[("warehouse", 24, 4000, 80, (24, 14))]
     } else {
         &[

@@ -30,7 +30,8 @@ impl Baker {
         if tasks.is_empty() {
             return 0;
         }
-        let parts = map(tasks.chunks(PART).collect(), |part: &[Task]| self.look_at(part, trace));
+        let parts =
+            lighttree::parallel::map(tasks.chunks(PART).collect(), |part: &[Task]| self.look_at(part, trace));
         for (part, results) in tasks.chunks(PART).zip(parts) {
             for (task, result) in part.iter().zip(results) {
                 self.stats.paths_validated += 1;
@@ -247,15 +248,4 @@ impl Baker {
         let flux = self.forest.units.flux(glam::Vec3::splat(power));
         self.cut.change_receivers(state, flux);
     }
-}
-
-/// Results of `work` for every part, in order; on all threads with feature `parallel`.
-fn map<T: Send, R: Send>(parts: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
-    #[cfg(feature = "parallel")]
-    {
-        use rayon::prelude::*;
-        parts.into_par_iter().map(work).collect()
-    }
-    #[cfg(not(feature = "parallel"))]
-    parts.into_iter().map(work).collect()
 }

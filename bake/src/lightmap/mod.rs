@@ -16,6 +16,7 @@
 mod coverage;
 mod dilate;
 mod fixed_point;
+mod gather;
 mod images;
 mod layout;
 mod parallel;
@@ -25,7 +26,8 @@ mod store;
 
 pub use coverage::CoverageReport;
 pub use fixed_point::{FixedPoint, FixedPointCounts};
+pub use gather::directional_irradiance;
 pub use images::{Image, ImageParams, StitchReport};
 pub use layout::{ChartedMesh, Layout, LayoutError, LayoutParams, MeshView, ObjectView, Placement};
 pub use receivers::{LightmapRays, ReceiverReport};
-pub use store::{Lightmap, LightmapError, LightmapParams, Published, Work, directional_irradiance};
+pub use store::{Lightmap, LightmapError, LightmapParams, Published, Work};

@@ -130,8 +130,9 @@ fn add_incident(incident: &Incident, directional: bool, values: &mut [f64; 12]) 
     }
 }
 
-/// Irradiance on a surface of unit `normal` of radiance in spherical harmonics as [`Published::values`] has it: the cosine lobe's convolution
-/// (Ramamoorthi and Hanrahan 2001), exact for one far light on the normal and smooth about it; never negative.
+/// Irradiance on a surface of unit `normal` of radiance in spherical harmonics as
+/// [`Published::values`](super::Published::values) has it: the cosine lobe's convolution (Ramamoorthi and
+/// Hanrahan 2001), exact for one far light on the normal and smooth about it; never negative.
 pub fn directional_irradiance(coefficients: &[f32; 12], normal: Vec3) -> Vec3 {
     use core::f32::consts::{FRAC_PI_3, PI};
     let [dc, y, z, x] = core::array::from_fn(|i| Vec3::from_slice(&coefficients[3 * i..3 * i + 3]));

@@ -77,4 +77,4 @@ pub use select::{CutPolicy, CutSelector, select_cut};
 pub use spherical_triangle::SphericalTriangle;
 pub use toward::Toward;
 pub use tree::LightTree;
-pub use walk::{ChildChoice, TreeSampler, Walks};
+pub use walk::{ChildChoice, TreeSampler, WalkFrom, Walks};

@@ -52,8 +52,9 @@ pub trait Receiver {
 
 /// About how a surface scatters: a diffuse part, and a lobe around one axis.
 ///
-/// Towards ω it is `diffuse` · n·ω + `peak` · (w² / (w² + (1 - w²) sin²(ψ/2)))² with ψ the angle of ω to `axis`: the lobe has
-/// the shape that GGX has around the mirrored view. Nothing below the horizon of the normal n.
+/// Towards ω it is `diffuse` · n·ω + `peak` · (w² / (w² + (1 - w²) sin² β))² with β the angle of the normal n to the half vector of ω and of the view, which is
+/// `axis` mirrored at n: the shape that GGX has, and at grazing views much narrower sideways than up and down. Nothing below the
+/// horizon. Without a normal β is half the angle of ω to `axis`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScatterLobes {
     /// Unit normal; zero means no preferred direction (every cosine counts as 1, and nothing is below a horizon).

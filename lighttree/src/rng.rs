@@ -136,6 +136,12 @@ impl Decisions {
         self.last = u64::MAX;
     }
 
+    /// What is left of the number: `value` and `last`, as above.
+    #[inline]
+    pub const fn rest(&self) -> (u64, u64) {
+        (self.value, self.last)
+    }
+
     /// The stream in its place, for fresh words between decisions.
     #[inline]
     pub const fn stream(&mut self) -> &mut Random {

@@ -27,7 +27,7 @@ use glam::Vec3;
 
 pub use self::choice::ChildChoice;
 use self::choice::{FLOOR, Fork};
-pub use self::many::Walks;
+pub use self::many::{WalkFrom, Walks};
 use self::pair::{Siblings, Viewpoint, Weighed, weigh};
 use crate::rng::{Decisions, probability, quantized};
 use crate::{

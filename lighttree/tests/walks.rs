@@ -6,8 +6,9 @@ use lighttree::oracle::Distribution;
 use lighttree::rng::{Decisions, Random};
 use lighttree::strategies;
 use lighttree::{
-    BuildParams, ChildChoice, GgxReceiver, LambertReceiver, LightBounds, LightHierarchy, LightId,
-    LightSample, LightSampler, LightTree, MortonBits, PerfectTree, Receiver, Toward, TreeSampler, Walks,
+    BuildParams, ChildChoice, GgxReceiver, Hierarchy, LambertReceiver, LightBounds, LightHierarchy, LightId,
+    LightSample, LightSampler, LightTree, MortonBits, NodeId, PerfectTree, Receiver, Toward, TreeSampler,
+    WalkFrom, Walks,
 };
 use proptest::prelude::*;
 
@@ -112,6 +113,51 @@ fn samples_together_are_those_of_walks_alone() {
         same_as_alone(&TreeSampler::new(&perfect), &matte, n);
         same_as_alone(&TreeSampler::new(&tree), &shiny, n);
         same_as_alone(&TreeSampler::new(&tree), &mixed, n);
+    }
+}
+
+/// Walks that begin anywhere in the tree, with numbers of which some is used already, in any order.
+#[test]
+fn walks_from_anywhere_are_those_alone() {
+    let lights = lights(2000);
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let sampler = TreeSampler::new(&tree);
+    let receivers: Vec<_> = (0..23).map(glossy).collect();
+    let mut random = Random::new(21, 0, 0);
+    let mut alone = Vec::new();
+    let mut from = Vec::new();
+    for i in 0..3000 {
+        let receiver = if i % 4 == 0 { random.u32() % 23 } else { i / 7 % 23 };
+        // Some levels down, or a leaf.
+        let mut node = tree.root().unwrap();
+        for _ in 0..random.u32() % 9 {
+            let children = tree.children(node);
+            if !children.is_empty() {
+                node = NodeId(children.start + random.u32() % children.len() as u32);
+            }
+        }
+        let first = random.u64();
+        let mut decisions = Decisions::starting_with(first, Random::new(99, i, 0));
+        if i % 3 == 0 {
+            decisions.choose_among(&[0, 1 << 28, 1 << 30, 1 << 31]);
+            from.push(WalkFrom::after(receiver, node, &decisions));
+        } else {
+            from.push(WalkFrom::new(receiver, node, first));
+        }
+        let (sample, _) = sampler.sample_below(node, &receivers[receiver as usize], &mut decisions);
+        alone.push(sample);
+    }
+    let mut out = vec![None; from.len()];
+    let mut streams = streams(23, 0);
+    let visited = sampler.sample_each_from(&receivers, &from, &mut streams, &mut Walks::default(), &mut out);
+    let same = out.iter().zip(&alone).filter(|(a, b)| a == b).count();
+    assert!(visited > 0 && same * 100 >= 99 * out.len(), "{same} of {}", out.len());
+    for ((sample, walk), alone) in out.iter().zip(&from).zip(&alone) {
+        assert_eq!(sample.is_some(), alone.is_some());
+        if let Some(sample) = sample {
+            let pmf = sampler.pmf_below(walk.node, &receivers[walk.receiver as usize], sample.light);
+            assert!((sample.pmf - pmf).abs() <= 1e-14 * pmf, "{sample:?} {pmf}");
+        }
     }
 }
 

@@ -20,7 +20,7 @@ fn receiver_scatter(receiver: Receiver, box: Toward) -> f32 {
     let cosine = toward_cos(box, receiver.normal);
     var scattered = receiver.diffuse * cosine;
     if (receiver.peak > 0.0 && cosine > 0.0) {
-        scattered += receiver.peak * toward_fall(box, receiver.axis, receiver.width_squared);
+        scattered += receiver.peak * toward_lobe(box, receiver.normal, receiver.axis, receiver.width_squared);
     }
     return scattered;
 }

@@ -53,7 +53,7 @@ pub use render::{
     Rendered, TILE, distant_light, render,
 };
 pub use requirements::Requirements;
-pub use sampled::{Draw, DrawLights, Drawn, DrawnScratch, Sampled, Walked, restart_in_stratum};
+pub use sampled::{Draw, DrawLights, Drawn, DrawnScratch, Sampled, WalkBatch, Walked, restart_in_stratum};
 pub use shading::{
     CameraPath, Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, SurfaceLook, Vertex, camera_path,
     camera_ray, vertex,

@@ -124,6 +124,11 @@ pub trait DirectLighting<Q: Geometry>: Sync {
         let _ = (pixels, scratch);
     }
 
+    /// All camera samples of the unit were shaded. What is kept for later frames may be taken from here; of this frame it must not show.
+    fn end_unit(&self, scratch: &mut Self::Scratch) {
+        let _ = scratch;
+    }
+
     /// Adds to `radiance[i]`, W·m⁻²·sr⁻¹ per channel, what the lights give at `points[i]`, with shadows and without
     /// [`ShadingPoint::throughput`]. Points are those of one square of pixels where possible, so that
     /// shadow rays can be shared; at most [`TILE`]² of them, all of different pixels.
@@ -415,6 +420,7 @@ fn render_unit<Q: Geometry, D: DirectLighting<Q>, I: IndirectLighting<Q>>(
             }
         }
     }
+    direct.end_unit(scratch);
     for (mean, &(sum, count)) in means.iter_mut().zip(sums.iter()) {
         *mean = if count > 0 { (sum / f64::from(count)).as_vec3() } else { Vec3::ZERO };
     }

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::{Decisions, Random};
-use lighttree::{LightHierarchy, LightId, LightSample, LightSampler, Segment, TreeSampler, Walks};
+use lighttree::{LightHierarchy, LightId, LightSample, LightSampler, Segment, TreeSampler, WalkFrom, Walks};
 
 use crate::film::luminance;
 use crate::render::{Counts, DirectLighting, Frame};
@@ -48,6 +48,11 @@ pub trait DrawLights: Sync {
         counts: &mut Counts,
         each: impl FnMut(Draw<Self::Tag>, &mut Decisions),
     );
+
+    /// All camera samples of the unit were drawn and learned.
+    fn end_unit(&self, scratch: &mut Self::Scratch) {
+        let _ = scratch;
+    }
 
     /// What the light that was drawn with `tag` gives without shadows, as luminance, W·m⁻²·sr⁻¹ and without its weight, and whether
     /// it is seen. Told in the order of draws, after all draws of these points or earlier, and only of lights that give anything.
@@ -154,6 +159,63 @@ impl<T: LightHierarchy + Sync> DrawLights for Walked<'_, T> {
     }
 }
 
+/// The walks of all points at hand, for methods that choose where each begins: planned point by point, and then walked together.
+#[derive(Debug, Default)]
+pub struct WalkBatch {
+    walks: Walks,
+    /// Where walks begin.
+    from: Vec<WalkFrom>,
+    /// First walk of each point, and the end.
+    firsts: Vec<u32>,
+    streams: Vec<Random>,
+    drawn: Vec<Option<LightSample>>,
+}
+
+impl WalkBatch {
+    /// Forgets all points.
+    pub fn begin(&mut self) {
+        self.from.clear();
+        self.firsts.clear();
+        self.firsts.push(0);
+        self.streams.clear();
+    }
+
+    /// Plans the walks of the next point: `plan` is given the point's index, its random numbers and the list that it appends to.
+    pub fn plan(
+        &mut self,
+        point: &ShadingPoint,
+        seed: u32,
+        plan: impl FnOnce(u32, &mut Decisions, &mut Vec<WalkFrom>),
+    ) {
+        let mut random = Decisions::starting_with(0, point.random(seed, Purpose::Lights));
+        plan(self.streams.len() as u32, &mut random, &mut self.from);
+        self.streams.push(random.into_stream());
+        self.firsts.push(self.from.len() as u32);
+    }
+
+    /// Walks them all. Returns how many nodes were looked at.
+    ///
+    /// # Panics
+    /// If walks were planned for other points than these, or planned ones are of points that are not there.
+    pub fn walk<T: LightHierarchy>(&mut self, sampler: &TreeSampler<'_, T>, points: &[ShadingPoint]) -> u64 {
+        let Self { walks, from, streams, drawn, .. } = self;
+        drawn.clear();
+        drawn.resize(from.len(), None);
+        sampler.sample_each_from(points, from, streams, walks, drawn)
+    }
+
+    /// What the walks of a point found, in the order in which they were planned. Makes `random` go on where they ended.
+    pub fn drawn(&self, index: usize, random: &mut Decisions) -> &[Option<LightSample>] {
+        random.stream().clone_from(&self.streams[index]);
+        &self.drawn[self.firsts[index] as usize..self.firsts[index + 1] as usize]
+    }
+
+    /// Index of the first walk of a point among all.
+    pub fn first(&self, index: usize) -> usize {
+        self.firsts[index] as usize
+    }
+}
+
 /// Starts the choices of sample `k` of `n` with a random number in `[k/n, (k+1)/n)`.
 pub fn restart_in_stratum(random: &mut Decisions, k: u32, n: u32) {
     // 2⁶⁴ ÷ samples but for rounding: a product is cheaper than a division of 128 bits for each sample.
@@ -199,6 +261,10 @@ impl<Q: Geometry, D: DrawLights> DirectLighting<Q> for Drawn<D> {
 
     fn begin_unit(&self, pixels: &[u32], scratch: &mut DrawnScratch<D>) {
         self.0.begin_unit(pixels, &mut scratch.draws);
+    }
+
+    fn end_unit(&self, scratch: &mut DrawnScratch<D>) {
+        self.0.end_unit(&mut scratch.draws);
     }
 
     fn shade(

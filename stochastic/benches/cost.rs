@@ -2,7 +2,7 @@
 //!
 //! Blocks of 8 × 8 points on the floor of a hall, each point drawing one light from each subtree: with a cut of its own or with that of one point of the block. No
 //! shadow rays and no shading. CPU time of this thread, since others share the machine, in turns in one run; printed: samples a second, the
-//! share of selection in the time of drawing, what sharing saves, and the ratio of mean squared errors (at 10⁵ lights, where the truth
+//! share of selection in the time of drawing (each walk alone, and the walks of a block together), what sharing saves, and the ratio of mean squared errors (at 10⁵ lights, where the truth
 //! can be had).
 
 mod common;
@@ -14,7 +14,7 @@ use common::{Lamp, classes};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use glam::Vec3;
 use lighttree::rng::{Decisions, Random};
-use lighttree::{BuildParams, LambertReceiver, LightBounds, LightTree};
+use lighttree::{BuildParams, LambertReceiver, LightBounds, LightSample, LightTree, WalkFrom, Walks};
 use stochastic::{CutParams, CutSampler, Selection};
 
 /// Points of a block, and blocks.
@@ -43,6 +43,29 @@ enum Mode {
     Shared,
     /// Only the selection of the blocks' cuts.
     Select,
+    /// As the first three, all walks of a block together.
+    TreeTogether,
+    OwnTogether,
+    SharedTogether,
+}
+
+impl Mode {
+    const fn shares(self) -> bool {
+        matches!(self, Self::Shared | Self::Select | Self::SharedTogether)
+    }
+
+    const fn together(self) -> bool {
+        matches!(self, Self::TreeTogether | Self::OwnTogether | Self::SharedTogether)
+    }
+}
+
+/// What walks together need.
+#[derive(Default)]
+struct Batch {
+    walks: Walks,
+    from: Vec<WalkFrom>,
+    streams: Vec<Random>,
+    drawn: Vec<Option<LightSample>>,
 }
 
 /// Everything for all points; `each` gets the number of the point, the light and its probability within its subtree.
@@ -56,26 +79,46 @@ fn draw(
     mut each: impl FnMut(usize, u32, f64),
 ) {
     let (mut shared, mut own) = (Selection::default(), Selection::default());
+    let mut batch = Batch::default();
     for (b, points) in blocks.iter().enumerate() {
         let chosen = Random::new(seed, b as u32, 1).u32() % BLOCK;
-        if matches!(mode, Mode::Shared | Mode::Select) {
+        if mode.shares() {
             black_box(sampler.select(&points[chosen as usize], &mut shared));
         }
         if mode == Mode::Select {
             continue;
         }
+        batch.from.clear();
+        batch.streams.clear();
         for (i, point) in points.iter().enumerate() {
             let (roots, per_node) = match mode {
-                Mode::Tree => (root, nodes),
-                Mode::Own => (sampler.select(point, &mut own), 1),
-                Mode::Shared | Mode::Select => (shared.nodes(), 1),
+                Mode::Tree | Mode::TreeTogether => (root, nodes),
+                Mode::Own | Mode::OwnTogether => (sampler.select(point, &mut own), 1),
+                Mode::Shared | Mode::SharedTogether | Mode::Select => (shared.nodes(), 1),
             };
             let number = b * BLOCK as usize + i;
             let mut random = Decisions::new(Random::new(seed, number as u32, 0));
             let slots = 0..roots.len() as u64 * u64::from(per_node);
-            sampler.subtrees(roots).draw(point, slots, per_node, &mut random, |_, sample, _| {
-                each(number, sample.light.0, sample.pmf * f64::from(per_node));
-            });
+            let subtrees = sampler.subtrees(roots);
+            if mode.together() {
+                subtrees.plan(i as u32, slots, per_node, random.stream(), &mut batch.from);
+                batch.streams.push(random.into_stream());
+            } else {
+                subtrees.draw(point, slots, per_node, &mut random, |_, sample, _| {
+                    each(number, sample.light.0, sample.pmf * f64::from(per_node));
+                });
+            }
+        }
+        if mode.together() {
+            let per_node = if mode == Mode::TreeTogether { f64::from(nodes) } else { 1.0 };
+            let Batch { walks, from, streams, drawn } = &mut batch;
+            drawn.resize(from.len(), None);
+            sampler.walk().sample_each_from(points, from, streams, walks, drawn);
+            for (walk, sample) in from.iter().zip(drawn.iter()) {
+                if let Some(LightSample { light, pmf }) = sample {
+                    each(b * BLOCK as usize + walk.receiver as usize, light.0, pmf * per_node);
+                }
+            }
         }
     }
 }
@@ -119,11 +162,14 @@ fn main() {
     let whole = std::env::args().any(|argument| argument == "--bench");
     let blocks: Vec<_> = (0..BLOCKS).map(block).collect();
     println!(
-        "{:<26}{:>12}{:>12}{:>12}{:>12}{:>10}{:>10}{:>10}",
+        "{:<20}{:>10}{:>10}{:>10}{:>14}{:>10}{:>10}{:>12}{:>10}{:>10}{:>10}",
         "lights, subtrees",
         "tree M/s",
         "own M/s",
         "shared M/s",
+        "together: tree",
+        "own",
+        "shared",
         "selection %",
         "saved %",
         "MSE own",
@@ -146,8 +192,16 @@ fn main() {
                     black_box((light, pmf));
                 });
             };
-            let modes = [Mode::Tree, Mode::Own, Mode::Shared, Mode::Select];
-            let mut best = [Duration::MAX; 4];
+            let modes = [
+                Mode::Tree,
+                Mode::Own,
+                Mode::Shared,
+                Mode::TreeTogether,
+                Mode::OwnTogether,
+                Mode::SharedTogether,
+                Mode::Select,
+            ];
+            let mut best = [Duration::MAX; 7];
             for _ in 0..if whole { 9 } else { 1 } {
                 for (mode, best) in modes.iter().zip(&mut best) {
                     let start = cpu_time();
@@ -156,7 +210,10 @@ fn main() {
                 }
             }
             let samples = f64::from(BLOCK * BLOCKS * nodes);
-            let [of_tree, own, shared, select] = best.map(|time| time.as_secs_f64());
+            let [.., own_together, shared_together, select] = best.map(|time| time.as_secs_f64());
+            let [of_tree, own, shared, tree_together, ..] =
+                best.map(|time| samples / time.as_secs_f64() / 1e6);
+            let rate = |seconds: f64| samples / seconds / 1e6;
             let error = |mode| {
                 let known = |t: &Vec<f64>| {
                     let error = relative_error(mode, &sampler, &root, nodes, &blocks, &lamps, t);
@@ -165,15 +222,14 @@ fn main() {
                 truth.as_ref().map_or_else(String::new, known)
             };
             println!(
-                "{:<26}{:>12.2}{:>12.2}{:>12.2}{:>12.2}{:>10.1}{:>10}{:>10}   (tree: {})",
+                "{:<20}{of_tree:>10.2}{own:>10.2}{shared:>10.2}{tree_together:>14.2}{:>10.2}{:>10.2}{:>12.2}{:>10.1}{:>10}{:>10}   (tree: {})",
                 format!("{count}, {nodes}"),
-                samples / of_tree / 1e6,
-                samples / own / 1e6,
-                samples / shared / 1e6,
-                100.0 * select / shared,
-                100.0 * (1.0 - shared / own),
-                error(Mode::Own),
-                error(Mode::Shared),
+                rate(own_together),
+                rate(shared_together),
+                100.0 * select / shared_together,
+                100.0 * (1.0 - shared_together / own_together),
+                error(Mode::OwnTogether),
+                error(Mode::SharedTogether),
                 error(Mode::Tree),
             );
             let mut group = c.benchmark_group(format!("cuts/{count}"));
@@ -182,7 +238,9 @@ fn main() {
                 .warm_up_time(Duration::from_millis(100))
                 .measurement_time(Duration::from_millis(300));
             group.throughput(Throughput::Elements(samples as u64));
-            for (name, mode) in [("tree", Mode::Tree), ("own", Mode::Own), ("shared", Mode::Shared)] {
+            let timed =
+                [("tree", Mode::TreeTogether), ("own", Mode::OwnTogether), ("shared", Mode::SharedTogether)];
+            for (name, mode) in timed {
                 group.bench_function(BenchmarkId::new(name, nodes), |b| b.iter(|| run(mode)));
             }
             group.finish();

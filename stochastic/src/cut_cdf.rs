@@ -9,10 +9,12 @@
 //! - [`SharedCut`] is chosen once for a [`ReceiverGroup`]: a block of pixels, a cell of space, or one receiver.
 //! - [`NodeCdf`] is made for one receiver, or for a few so close together that one distribution will do for them.
 //! - [`CutCdf`] is both with a walk: a [`LightSampler`] with the exact probability of every light.
-//! - [`BlockCdfs`] keeps all of it for a block of pixels over all of their samples, [`CellCdfs`] for cells of space.
+//! - [`BlockCdfs`] keeps all of it for a block of pixels over all of their samples, [`CellCdfs`] for cells of space;
+//!   [`VisibilityStore`] takes what was learned from one frame to the next.
 
 mod block;
 mod cells;
+mod kept;
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::Decisions;
@@ -25,6 +27,7 @@ use crate::NodeRecords;
 
 pub use block::{BlockCdfs, Prepared};
 pub use cells::{CellCdfs, CellParams, CellTag};
+pub use kept::{KeptBlock, VisibilityStore};
 
 /// Receivers that share a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]

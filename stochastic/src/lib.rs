@@ -36,8 +36,8 @@ mod visibility;
 
 pub use cut::{CutParams, CutSampler, Selection};
 pub use cut_cdf::{
-    BlockCdfs, CellCdfs, CellParams, CellTag, CutCdf, CutScratch, NodeCdf, NodeDraw, Prepared, ReceiverGroup,
-    SharedCut,
+    BlockCdfs, CellCdfs, CellParams, CellTag, CutCdf, CutScratch, KeptBlock, NodeCdf, NodeDraw, Prepared,
+    ReceiverGroup, SharedCut, VisibilityStore,
 };
 pub use environment::{Environment, EnvironmentError, EnvironmentSample, spread};
 pub use guarded::{Guard, SurfacePoint};

@@ -5,8 +5,10 @@
 //! Differs from them: the probability of any light within its subtree can be asked for, found by item ranges; and the
 //! random numbers of a receiver's subtrees are stratified together.
 
-use lighttree::rng::Decisions;
-use lighttree::{LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver, TreeSampler};
+use lighttree::rng::{Decisions, Random};
+use lighttree::{
+    LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver, TreeSampler, WalkFrom,
+};
 
 use crate::Selection;
 
@@ -82,15 +84,11 @@ impl<T: LightHierarchy> Subtrees<'_, T> {
         random: &mut Decisions,
         mut each: impl FnMut(usize, LightSample, &mut Decisions),
     ) -> u32 {
-        let per_node = u64::from(per_node);
-        let all = self.nodes.len() as u64 * per_node;
-        assert!(slots.end <= all, "slots {slots:?} of {all}");
-        let offset = random.stream().u64();
-        let (stratum, step) = (u64::MAX / per_node, u64::MAX / all.max(1));
+        let numbers = Numbers::of(self.nodes.len(), &slots, per_node, random.stream());
         let mut visited = 0;
         for slot in slots {
-            let (node, draw) = ((slot / per_node) as usize, slot % per_node);
-            random.restart(offset.wrapping_add(draw * stratum).wrapping_add(node as u64 * step));
+            let (node, first) = numbers.of_slot(slot);
+            random.restart(first);
             let (sample, looked_at) = self.walk.sample_below(self.nodes[node], receiver, random);
             visited += looked_at;
             if let Some(sample) = sample {
@@ -98,6 +96,27 @@ impl<T: LightHierarchy> Subtrees<'_, T> {
             }
         }
         visited
+    }
+
+    /// As [`draw`](Self::draw), for walks that are to go together: appends where they begin, slot by slot, for
+    /// [`sample_each_from`](TreeSampler::sample_each_from) of [`walk`](Self::walk). `receiver` is the index among that call's receivers, and `stream` its
+    /// random numbers.
+    ///
+    /// # Panics
+    /// As [`draw`](Self::draw).
+    pub fn plan(
+        &self,
+        receiver: u32,
+        slots: core::ops::Range<u64>,
+        per_node: u32,
+        stream: &mut Random,
+        walks: &mut Vec<WalkFrom>,
+    ) {
+        let numbers = Numbers::of(self.nodes.len(), &slots, per_node, stream);
+        walks.extend(slots.map(|slot| {
+            let (node, first) = numbers.of_slot(slot);
+            WalkFrom::new(receiver, self.nodes[node], first)
+        }));
     }
 
     /// Index in `nodes` of the subtree that holds `light`.
@@ -113,6 +132,30 @@ impl<T: LightHierarchy> Subtrees<'_, T> {
     /// none of the subtrees holds it.
     pub fn density(&self, receiver: &(impl Receiver + ?Sized), light: LightId) -> f64 {
         self.index_of(light).map_or(0.0, |at| self.walk.pmf_below(self.nodes[at], receiver, light))
+    }
+}
+
+/// The first random numbers of a receiver's slots.
+struct Numbers {
+    per_node: u64,
+    offset: u64,
+    stratum: u64,
+    step: u64,
+}
+
+impl Numbers {
+    fn of(nodes: usize, slots: &core::ops::Range<u64>, per_node: u32, stream: &mut Random) -> Self {
+        let per_node = u64::from(per_node);
+        let all = nodes as u64 * per_node;
+        assert!(slots.end <= all, "slots {slots:?} of {all}");
+        Self { per_node, offset: stream.u64(), stratum: u64::MAX / per_node, step: u64::MAX / all.max(1) }
+    }
+
+    /// Which subtree, and its number.
+    fn of_slot(&self, slot: u64) -> (usize, u64) {
+        let (node, draw) = (slot / self.per_node, slot % self.per_node);
+        let spread = (draw * self.stratum).wrapping_add(node.wrapping_mul(self.step));
+        (node as usize, self.offset.wrapping_add(spread))
     }
 }
 

@@ -37,6 +37,17 @@ impl NodeLearning {
         self.samples.resize(nodes, (0.0, 0.0));
     }
 
+    /// Samples drawn from below each node, and the sum of ρ² over them.
+    pub(crate) fn samples(&self) -> &[(f32, f32)] {
+        &self.samples
+    }
+
+    /// Adds samples of this node that were drawn elsewhere.
+    pub(crate) fn add(&mut self, node: usize, samples: f32, squares: f32) {
+        self.samples[node].0 += samples;
+        self.samples[node].1 += squares;
+    }
+
     /// A sample was drawn from below this node.
     #[inline]
     pub fn drawn(&mut self, node: usize) {

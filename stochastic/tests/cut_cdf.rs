@@ -201,7 +201,7 @@ fn learned_passes(seed: u32, passes: u32, lights: u32, seen: impl Fn(u32, u32) -
     let mut block = BlockCdfs::default();
     block.begin(receivers.len(), Some(0.1));
     let each = |pass: u32| {
-        block.begin_pass(&tree, 24, receivers.iter().map(|r| (r.position, r.normal)));
+        block.begin_pass(&tree, 24, receivers.iter().map(|r| (r.position, r.normal)), None);
         let in_phase = block.pass_of_phase();
         let (mut sum, mut truth, mut told) = (0.0, 0.0, Vec::new());
         for (pixel, receiver) in receivers.iter().enumerate() {
@@ -276,7 +276,8 @@ fn a_block_has_a_bound() {
         block.begin(64, Some(0.1));
         for _ in 0..5 {
             let receiver = |i: u32| floor_receiver(Vec3::new(0.01 * i as f32 + shift, 0.5, 0.1));
-            block.begin_pass(&tree, 256, (0..64).map(|i| (receiver(i).position, receiver(i).normal)));
+            let seen = (0..64).map(|i| (receiver(i).position, receiver(i).normal));
+            block.begin_pass(&tree, 256, seen, None);
             for i in 0..64 {
                 for aside in [0.0, 0.3, 0.6] {
                     let mut receiver = receiver(i);
@@ -351,4 +352,55 @@ fn bounding_boxes_of_groups_hold_their_receivers() {
         (Vec3::new(0.0, -2.0, 0.0), Vec3::new(1.0, 0.0, 3.0), Vec3::Z)
     );
     assert_eq!(ReceiverGroup::of([]), None);
+}
+
+/// A frame that recalls what the last one learned draws hidden lights less from its first sample on, in a tree that was built anew in another order, too; a block
+/// elsewhere knows nothing of it. Negative control: without the store it does not.
+#[test]
+fn what_is_kept_helps_the_next_frame() {
+    let lights = scattered(400);
+    let hidden = |light: LightId| lights[light.0 as usize].min.x < 0.5;
+    let [tree, other] =
+        [BuildParams::saoh(), BuildParams::median()].map(|p| LightTree::build(&lights, &p).unwrap());
+    let receiver = floor_receiver(Vec3::new(0.4, 0.6, 0.2));
+    let elsewhere = floor_receiver(Vec3::new(5.4, 0.6, 0.2));
+    let seen = |r: &LambertReceiver| [(r.position, r.normal)];
+    let hidden_share = |block: &mut BlockCdfs, tree: &LightTree, r: &LambertReceiver| -> f64 {
+        let walk = TreeSampler::new(tree);
+        let Prepared { cut, cdf, .. } = block.prepare(0, r, r.normal);
+        let sampler = CutCdf { walk: &walk, cut, cdf };
+        (0..400).map(LightId).filter(|&light| hidden(light)).map(|light| sampler.pmf(r, light)).sum()
+    };
+
+    // A frame learns.
+    let mut block = BlockCdfs::default();
+    block.begin(1, Some(0.1));
+    block.begin_pass(&tree, 64, seen(&receiver), None);
+    let before = hidden_share(&mut block, &tree, &receiver);
+    for i in 0..600 {
+        let mut random = Decisions::new(Random::new(4, i, 0));
+        let walk = TreeSampler::new(&tree);
+        let Prepared { cut, cdf, weights } = block.prepare(0, &receiver, receiver.normal);
+        let draw = CutCdf { walk: &walk, cut, cdf }.draw(&receiver, &mut random).unwrap();
+        let weight = f64::from(weights[draw.node]);
+        block.drawn(draw.node);
+        if let Some(sample) = draw.sample.filter(|sample| !hidden(sample.light)) {
+            let given = point_contribution(&lights[sample.light.0 as usize], &receiver);
+            block.learn(draw.node, (given * draw.node_pmf / sample.pmf / weight) as f32);
+        }
+    }
+    let store = stochastic::VisibilityStore::new(1.0, block.learned(&tree));
+    assert!(store.len() == 1 && store.bytes() <= 12 * 64, "{} bytes", store.bytes());
+
+    // The next one recalls it.
+    let mut share_with = |tree: &LightTree, r: &LambertReceiver, store: Option<&_>| {
+        block.begin(1, Some(0.1));
+        block.begin_pass(tree, 64, seen(r), store);
+        hidden_share(&mut block, tree, r)
+    };
+    assert!(share_with(&tree, &receiver, Some(&store)) < 0.6 * before);
+    assert!(share_with(&other, &receiver, Some(&store)) < 0.7 * before);
+    assert!((share_with(&tree, &receiver, None) - before).abs() < 1e-9);
+    let far = share_with(&tree, &elsewhere, None);
+    assert!((share_with(&tree, &elsewhere, Some(&store)) - far).abs() < 1e-9);
 }

@@ -11,11 +11,13 @@ use serde_json::{Value, json};
 
 use crate::device::Device;
 use crate::failure::Failure;
+use crate::methods::Learned;
 use crate::methods::filter::{Filter, Filtered};
 use crate::progress::Watched;
 use crate::report::{self, Seconds};
 use crate::settings::Settings;
 use crate::shot::{Left, Plan, Stage};
+use crate::trees::KeptMeshes;
 
 /// What a frame leaves to the next one; nothing before the first. What a filter or a method wants to find again has its place here.
 #[derive(Default)]
@@ -26,6 +28,10 @@ pub(crate) struct Kept {
     filter: Option<Filter>,
     /// What the method finds again.
     left: Left,
+    /// Trees over the lights of meshes.
+    meshes: KeptMeshes,
+    /// What a method has learned.
+    learned: Learned,
     /// Where pictures are taken with `--device gpu`.
     pub(crate) device: Option<Device>,
 }
@@ -114,8 +120,14 @@ impl Sequence<'_> {
         let seed = if reuses { self.plan.seed } else { seed_of(self.plan.seed, frame) };
         let plan = Plan { seed, light_seed: seed, ..self.plan.clone() };
         let stage = Stage { scene, rays, camera: &camera };
-        let prepared =
-            if kept.device.is_some() { stage.prepare_lights(&plan) } else { stage.prepare(&plan)? };
+        let mut prepared = if kept.device.is_some() {
+            stage.prepare_lights(&plan)
+        } else {
+            stage.prepare_after(&plan, &mut kept.meshes)?
+        };
+        if self.frames > 1 {
+            prepared.learned = core::mem::take(&mut kept.learned).next_frame(stage.radius());
+        }
         seconds.build_lights = prepared.seconds;
         let mut light_tree_bytes = prepared.bytes();
         if let Some(device) = &mut kept.device {
@@ -138,6 +150,8 @@ impl Sequence<'_> {
             kept.left.view = None;
         }
         seconds.render += start.elapsed().as_secs_f64();
+
+        kept.learned = core::mem::take(&mut prepared.learned);
 
         // Filter it.
         if frame == 0 {

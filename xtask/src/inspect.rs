@@ -7,7 +7,7 @@ use scene::{Light, MaterialMode, Requirements, Scene, SceneRays};
 use serde_json::{Value, json};
 
 use crate::failure::Failure;
-use crate::trees::{BUILDERS, Tree};
+use crate::trees::{BUILDERS, KeptMeshes, Tree};
 use crate::{memory, source};
 
 /// What to look at.
@@ -91,7 +91,7 @@ fn summary(scene: &Scene, rays: &SceneRays, load: f64, build_rays: f64, trees: &
 /// One light tree, and how it turned out.
 fn tree(scene: &Scene, builder: &str) -> Result<Value, Failure> {
     let start = Instant::now();
-    let tree = Tree::build(builder, &scene.lights, scene)
+    let tree = Tree::build(builder, &scene.lights, scene, &mut KeptMeshes::default())
         .map_err(|error| Failure::failed(format!("{}: no light tree: {error}", scene.name)))?;
     let seconds = start.elapsed().as_secs_f64();
     let shape = Shape::of(&tree);

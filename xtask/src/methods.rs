@@ -17,7 +17,7 @@ mod split;
 mod view;
 
 pub(crate) use cut::{SharedCutMethod, SubtreesMethod, sampler as cut_sampler};
-pub(crate) use cut_cdf::CutCdfMethod;
+pub(crate) use cut_cdf::{CutCdfMethod, Learned};
 pub(crate) use cutinterp::{CutInterpMethod, CutInterpParams, Show, View, WhereBeyond};
 pub(crate) use lightcut::{LightcutMethod, representatives};
 pub(crate) use next_event::{NextEventCells, NextEventSubtrees, lights as next_event_lights};

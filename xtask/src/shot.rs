@@ -18,12 +18,12 @@ use crate::device::{Device, Lit};
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
-    CutCdfMethod, CutInterpMethod, CutInterpParams, LightcutMethod, Maps, Method, NextEventCells,
+    CutCdfMethod, CutInterpMethod, CutInterpParams, Learned, LightcutMethod, Maps, Method, NextEventCells,
     NextEventSubtrees, PhotonLight, REPRESENTATIVES, ReconMethod, RisMethod, SharedCutMethod, Show, Sparse,
     SubtreesMethod, View, WhereBeyond, cut_sampler, next_event_lights, representatives, split_sampler,
 };
 use crate::settings::Settings;
-use crate::trees::{self, Tree};
+use crate::trees::{self, KeptMeshes, Tree, either};
 
 /// Light beyond the direct one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +70,8 @@ pub(crate) struct Prepared<'a> {
     /// For methods that walk one, and for the bounces of paths.
     tree: Option<Tree>,
     tool: Tool,
+    /// What earlier frames tell, and what this one will, where the method keeps anything.
+    pub(crate) learned: Learned,
     /// Virtual lights among the lights.
     pub(crate) vpls: usize,
     /// Seconds that all of it took.
@@ -116,6 +118,14 @@ impl<'a> Stage<'a> {
     /// # Errors
     /// The light that the tree refuses, named by the scene and its index.
     pub(crate) fn prepare(&self, plan: &Plan) -> Result<Prepared<'a>, Failure> {
+        self.prepare_after(plan, &mut KeptMeshes::default())
+    }
+
+    /// The same for a frame after others, which have left trees of meshes that may not have changed.
+    ///
+    /// # Errors
+    /// As [`prepare`](Self::prepare).
+    pub(crate) fn prepare_after(&self, plan: &Plan, kept: &mut KeptMeshes) -> Result<Prepared<'a>, Failure> {
         let start = Instant::now();
         let name = &self.scene.name;
         let Prepared { lights, vpls, .. } = self.prepare_lights(plan);
@@ -126,12 +136,12 @@ impl<'a> Stage<'a> {
         };
         let of_other_paths = plan.gi == Gi::Path && plan.method != Method::Path;
         let needs_tree = drawing.needs_tree() || of_other_paths;
-        let build = || {
+        let mut build = || {
             let builder = plan.settings.find("builder").unwrap_or(trees::BUILDER.default);
-            Tree::build(builder, &lights, self.scene)
+            Tree::build(builder, &lights, self.scene, kept)
                 .map_err(|error| Failure::failed(format!("{name}: no light tree: {error}")))
         };
-        let tree = needs_tree.then(build).transpose()?;
+        let tree = needs_tree.then(&mut build).transpose()?;
         let refuse =
             |error: &dyn std::fmt::Display| Failure::failed(format!("{name}: {error}; mend it in the file"));
         let tool = match (drawing, &tree) {
@@ -162,7 +172,14 @@ impl<'a> Stage<'a> {
             }
             _ => Tool::Nothing,
         };
-        Ok(Prepared { lights, tree, tool, vpls, seconds: start.elapsed().as_secs_f64() })
+        Ok(Prepared {
+            lights,
+            tree,
+            tool,
+            learned: Learned::default(),
+            vpls,
+            seconds: start.elapsed().as_secs_f64(),
+        })
     }
 
     /// Traces virtual lights, and builds nothing: for a device, which builds by itself.
@@ -176,7 +193,9 @@ impl<'a> Stage<'a> {
             say_what_was_lost(&report);
             lights = Cow::Owned([&self.scene.lights[..], &made].concat());
         }
-        Prepared { lights, tree: None, tool: Tool::Nothing, vpls, seconds: start.elapsed().as_secs_f64() }
+        let learned = Learned::default();
+        let seconds = start.elapsed().as_secs_f64();
+        Prepared { lights, tree: None, tool: Tool::Nothing, learned, vpls, seconds }
     }
 
     /// Takes one picture on a device, which has the scene's geometry.
@@ -265,18 +284,7 @@ impl<'a> Stage<'a> {
             }
             (_, Some(tree)) if matches!(plan.method, Method::CutCdf | Method::CutCdfVis) => {
                 let learn = plan.method == Method::CutCdfVis;
-                // Once, instead of at each step of a walk.
-                match tree {
-                    Tree::Oriented(tree) => {
-                        shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn)))
-                    }
-                    Tree::Perfect(tree) => {
-                        shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn)))
-                    }
-                    Tree::TwoLevel(tree) => {
-                        shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn)))
-                    }
-                }
+                either!(tree, tree => shot.direct(&Drawn(CutCdfMethod::new(tree, &plan.settings, learn, &prepared.learned))))
             }
             _ => shot.direct(&BruteForce),
         }
@@ -295,6 +303,12 @@ impl<'a> Stage<'a> {
         film: &mut Film,
     ) -> Result<Filtered, Failure> {
         filter.apply(&self.frame(plan, &prepared.lights), self.camera, params, film)
+    }
+
+    /// Radius of a sphere around the geometry.
+    pub(crate) fn radius(&self) -> f32 {
+        let (min, max) = self.scene.bounds().unwrap_or_default();
+        0.5 * min.distance(max)
     }
 
     fn frame<'f>(&'f self, plan: &Plan, lights: &'f [Light]) -> Frame<'f, SceneRays> {

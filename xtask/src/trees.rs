@@ -12,6 +12,8 @@ use lighttree::{
 use scene::{Light, Scene};
 use stochastic::TwoLevelTree;
 
+pub(crate) use two_level::KeptMeshes;
+
 use crate::settings::{Key, Range as KeyRange, Settings};
 
 /// Names of the builders, as `--set builder=` takes them.
@@ -58,14 +60,19 @@ pub(crate) enum Tree {
 }
 
 impl Tree {
-    /// Builds with the builder of that name, over the lights of `scene` or a list that begins with them.
+    /// Builds with the builder of that name, over the lights of `scene` or a list that begins with them. `kept` is what the frame before left.
     ///
     /// # Errors
     /// A sentence about the light or the instance that cannot be used.
     ///
     /// # Panics
     /// For a name that is not in [`BUILDERS`].
-    pub(crate) fn build(builder: &str, lights: &[Light], scene: &Scene) -> Result<Self, String> {
+    pub(crate) fn build(
+        builder: &str,
+        lights: &[Light],
+        scene: &Scene,
+        kept: &mut KeptMeshes,
+    ) -> Result<Self, String> {
         let params = match builder {
             "saoh" => BuildParams::saoh(),
             "agglomerative" => BuildParams::agglomerative(),
@@ -75,7 +82,7 @@ impl Tree {
                 let tree = PerfectTree::build(lights, MortonBits::SixtyThree);
                 return tree.map(Self::Perfect).map_err(|error| error.to_string());
             }
-            "two-level" => return two_level::build(lights, scene).map(Self::TwoLevel),
+            "two-level" => return two_level::build(lights, scene, kept).map(Self::TwoLevel),
             _ => panic!("`{builder}` is not a builder"),
         };
         LightTree::build(lights, &params).map(Self::Oriented).map_err(|error| error.to_string())
@@ -104,15 +111,17 @@ impl Tree {
     }
 }
 
+/// Asks which kind of tree it is once, and not at each step of a walk.
 macro_rules! either {
     ($tree:expr, $inner:ident => $answer:expr) => {
         match $tree {
-            Tree::Oriented($inner) => $answer,
-            Tree::Perfect($inner) => $answer,
-            Tree::TwoLevel($inner) => $answer,
+            crate::trees::Tree::Oriented($inner) => $answer,
+            crate::trees::Tree::Perfect($inner) => $answer,
+            crate::trees::Tree::TwoLevel($inner) => $answer,
         }
     };
 }
+pub(crate) use either;
 
 impl Hierarchy for Tree {
     fn root(&self) -> Option<NodeId> {

@@ -11,10 +11,10 @@ use core::ops::Range;
 use super::choice::Fork;
 use super::pair::{Siblings, Viewpoint, weigh};
 use super::{TreeSampler, shares};
-use crate::rng::{Random, probability, split};
+use crate::rng::{Decisions, Random, probability, split};
 use crate::{LightBounds, LightHierarchy, LightSample, NodeId, Receiver};
 
-/// The memory of [`TreeSampler::sample_each`], reused from call to call: nothing is allocated once it has grown.
+/// The memory of [`TreeSampler::sample_each`] and [`TreeSampler::sample_each_from`], reused from call to call: nothing is allocated once it has grown.
 ///
 /// At most about 120 bytes a sample, and 100 a receiver, of the largest call.
 #[derive(Clone, Debug, Default)]
@@ -54,7 +54,61 @@ struct Group {
     pmf: f64,
 }
 
+/// Where one of many walks begins, and by which number it goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WalkFrom {
+    /// Index of the receiver.
+    pub receiver: u32,
+    /// Root of the subtree that the light is drawn from.
+    pub node: NodeId,
+    /// The random number: uniform among `0..=last`, as [`Decisions`] has it.
+    value: u64,
+    last: u64,
+}
+
+impl WalkFrom {
+    /// With a number of the caller's, `first / 2^64`.
+    pub const fn new(receiver: u32, node: NodeId, first: u64) -> Self {
+        Self { receiver, node, value: first, last: u64::MAX }
+    }
+
+    /// With what earlier decisions left of a number. Words that the walk needs beside it are not taken from their stream.
+    pub const fn after(receiver: u32, node: NodeId, decisions: &Decisions) -> Self {
+        let (value, last) = decisions.rest();
+        Self { receiver, node, value, last }
+    }
+}
+
 impl<T: LightHierarchy> TreeSampler<'_, T> {
+    /// [`sample_below`](Self::sample_below) for many walks together, each from a node and with a number of its own: `out[i]` is what the walk
+    /// `from[i]` found. Returns how many nodes' bounds were looked at.
+    ///
+    /// Words that walks run out of come from `streams`, one for each receiver, in an order that depends on this receiver's walks alone. Neighbours in `from`
+    /// of the same receiver, node and range of numbers share their weighings; in any order, but sorted ones fastest.
+    ///
+    /// # Panics
+    /// If `streams` is not as long as `receivers`, `out` not as long as `from`, or a walk is of a receiver that is not there.
+    pub fn sample_each_from<R: Receiver>(
+        &self,
+        receivers: &[R],
+        from: &[WalkFrom],
+        streams: &mut [Random],
+        walks: &mut Walks,
+        out: &mut [Option<LightSample>],
+    ) -> u64 {
+        assert_eq!(receivers.len(), streams.len(), "one stream of random numbers per receiver");
+        assert_eq!(from.len(), out.len(), "one result per walk");
+        out.fill(None);
+        walks.clear();
+        walks.viewpoints.extend(receivers.iter().map(|receiver| self.viewpoint(receiver)));
+        let mut descent = Descent { sampler: self, receivers, streams, walks, out, visited: 0 };
+        let alike = |a: &WalkFrom, b: &WalkFrom| (a.receiver, a.node, a.last) == (b.receiver, b.node, b.last);
+        for same in from.chunk_by(alike) {
+            descent.start_from(same);
+        }
+        descent.run()
+    }
+
     /// [`sample`](crate::LightSampler::sample) for many samples of many receivers together, at a fraction of its cost. Returns how
     /// many nodes' bounds were looked at.
     ///
@@ -84,15 +138,7 @@ impl<T: LightHierarchy> TreeSampler<'_, T> {
         for receiver in 0..receivers.len() {
             descent.start(root, receiver as u32, count as u64);
         }
-        loop {
-            core::mem::swap(&mut descent.walks.groups, &mut descent.walks.next);
-            descent.walks.next.clear();
-            if descent.walks.groups.is_empty() {
-                return descent.visited;
-            }
-            descent.weigh();
-            descent.go();
-        }
+        descent.run()
     }
 }
 
@@ -131,6 +177,38 @@ impl<T: LightHierarchy, R: Receiver> Descent<'_, '_, T, R> {
         let end = self.walks.numbers.len() as u32;
         let group = Group { first: root, receiver, start, end, low: 0, last: u64::MAX, pmf: 1.0 };
         self.enter(group, root);
+    }
+
+    /// Walks of one receiver from one node.
+    fn start_from(&mut self, same: &[WalkFrom]) {
+        let WalkFrom { receiver, node, last, .. } = same[0];
+        let start = self.walks.numbers.len() as u32;
+        self.walks
+            .numbers
+            .extend(same.iter().zip(start..).map(|(walk, place)| Number { value: walk.value, place }));
+        // No step enters what has no intensity, but a walk may begin there.
+        if self.sampler.tree.bounds(node).intensity == 0.0 {
+            return;
+        }
+        let numbers = &mut self.walks.numbers[start as usize..];
+        if !numbers.is_sorted_by_key(|number| number.value) {
+            numbers.sort_unstable_by_key(|number| (number.value, number.place));
+        }
+        let end = self.walks.numbers.len() as u32;
+        self.enter(Group { first: node, receiver, start, end, low: 0, last, pmf: 1.0 }, node);
+    }
+
+    /// Level by level until all walks have ended.
+    fn run(mut self) -> u64 {
+        loop {
+            core::mem::swap(&mut self.walks.groups, &mut self.walks.next);
+            self.walks.next.clear();
+            if self.walks.groups.is_empty() {
+                return self.visited;
+            }
+            self.weigh();
+            self.go();
+        }
     }
 
     /// Finds out what becomes of every group: weighs pairs of siblings, two by two.

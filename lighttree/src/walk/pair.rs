@@ -94,6 +94,9 @@ struct Lanes {
     z: Vec4,
 }
 
+/// Share of a lobe's peak that a node which it may reach counts for at least.
+const LEAST_LOBE: f32 = 1.0 / 64.0;
+
 /// Relative error of a scaled height above a plane, and then some: five roundings.
 const HEIGHT_ERROR: f32 = 8.0 / 16_777_216.0;
 
@@ -191,8 +194,9 @@ pub(super) fn weigh(pairs: [&Siblings<'_>; 2], scatter: impl Fn(&LightBounds) ->
                 y: of_lobes(a, b, |lobes| lobes.axis.y),
                 z: of_lobes(a, b, |lobes| lobes.axis.z),
             };
-            let fall = sphere.fall(axis, of_lobes(a, b, |lobes| lobes.width_squared));
-            let lobe = of_lobes(a, b, |lobes| lobes.peak) * fall * cos.distance;
+            let width_squared = of_lobes(a, b, |lobes| lobes.width_squared);
+            let lobe = of_lobes(a, b, |lobes| lobes.peak) * sphere.lobe(normal, axis, width_squared);
+            let lobe = lobe * cos.distance;
             scattered = Vec4::select(cos.height.cmpgt(Vec4::ZERO), scattered + lobe, Vec4::ZERO);
         }
         emitted * scattered / (of * cos.distance)
@@ -327,6 +331,38 @@ impl Sphere {
         let dead = sure.cmplt(cos_theta_e * self.squared);
         let some = Vec4::select(dead, Vec4::ZERO, outside.max(1e-4 * self.squared));
         (Vec4::select(full, Vec4::ONE, some), Vec4::select(full, Vec4::ONE, self.squared))
+    }
+
+    /// What a lobe gives in the mean over the directions to the sphere, about, relative to its peak.
+    ///
+    /// GGX falls with the angle β between the normal and the half vector of view and light: (w² / (w² + (1 - w²) sin² β))². Around a grazing view
+    /// that is much narrower sideways than the lobe is as seen from above, so the angle to the mirrored view will not do: it made nodes
+    /// beside the lobe count more than ten times what they give. A sphere that is seen under the angle u spreads β by u ÷ |view + light|; the lobe is
+    /// taken at the centre, wider by that and as much lower. Where the mean says little but the lobe may be reached ([`Self::fall`]), a share of its peak
+    /// stays: what is rarely drawn is bright.
+    #[inline]
+    fn lobe(&self, normal: Lanes, axis: Lanes, width_squared: Vec4) -> Vec4 {
+        // No nearer than half the diagonal / √2.
+        let squared = self.squared.max(0.5 * self.radius_squared).max(Vec4::splat(f32::MIN_POSITIVE));
+        let inverse = squared.sqrt().recip();
+        let none = normal.x.cmpeq(Vec4::ZERO) & normal.y.cmpeq(Vec4::ZERO) & normal.z.cmpeq(Vec4::ZERO);
+
+        // The view is the axis mirrored: its cosines to the light and to the normal.
+        let (to_axis, to_normal) = (self.center.dot(axis) * inverse, self.center.dot(normal) * inverse);
+        let cos_view = axis.dot(normal);
+        let to_view = 2.0 * cos_view * to_normal - to_axis;
+        let sum_squared = (2.0 * (Vec4::ONE + to_view)).max(Vec4::splat(1e-4));
+        let height = to_normal.clamp(Vec4::ZERO, Vec4::ONE) + cos_view;
+        let sin_squared = (Vec4::ONE - height * height / sum_squared).max(Vec4::ZERO);
+
+        // Without a normal it is a lobe around its axis alone, of half the angle.
+        let sin_squared =
+            Vec4::select(none, 0.5 * (Vec4::ONE - to_axis).clamp(Vec4::ZERO, Vec4::ONE), sin_squared);
+        let sum_squared = Vec4::select(none, Vec4::splat(4.0), sum_squared);
+        let spread = self.radius_squared * inverse * inverse / sum_squared;
+        let width = (width_squared + spread).min(Vec4::ONE);
+        let fall = width / (width + (Vec4::ONE - width) * sin_squared);
+        (width_squared / width * fall * fall).max(LEAST_LOBE * self.fall(axis, width_squared))
     }
 
     /// How far a lobe of squared width w² around `axis` has fallen at the direction of the sphere that is nearest to it, relative to

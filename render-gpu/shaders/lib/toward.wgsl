@@ -88,6 +88,38 @@ fn toward_fall(box: Toward, axis: vec3f, width_squared: f32) -> f32 {
     return fall * fall;
 }
 
+// Share of a lobe's peak that a box which it may reach counts for at least.
+const LEAST_LOBE: f32 = 0.015625;
+
+// What a GGX lobe of squared width w² gives in the mean over the directions to the box, about, relative to its peak: by the half vector of view and
+// light at the box's centre, wider by the angle under which its sphere is seen and as much lower. `axis` is the view mirrored at `normal`.
+fn toward_lobe(box: Toward, normal: vec3f, axis: vec3f, width_squared: f32) -> f32 {
+    // All lengths doubled.
+    let center = box.low + box.high;
+    let diagonal = box.high - box.low;
+    let radius_squared = dot(diagonal, diagonal);
+    // No nearer than half the diagonal / √2.
+    let squared = max(max(dot(center, center), 0.5 * radius_squared), 1.1754944e-38);
+    let inverse = 1.0 / sqrt(squared);
+
+    let to_axis = dot(center, axis) * inverse;
+    // Without a normal it is a lobe around its axis alone, of half the angle.
+    var sin_squared = 0.5 * clamp(1.0 - to_axis, 0.0, 1.0);
+    var sum_squared = 4.0;
+    if (any(normal != vec3f(0.0))) {
+        // The view is the axis mirrored: its cosines to the light and to the normal.
+        let to_normal = dot(center, normal) * inverse;
+        let cos_view = dot(axis, normal);
+        let to_view = 2.0 * cos_view * to_normal - to_axis;
+        sum_squared = max(2.0 * (1.0 + to_view), 1e-4);
+        let height = clamp(to_normal, 0.0, 1.0) + cos_view;
+        sin_squared = max(1.0 - height * height / sum_squared, 0.0);
+    }
+    let width = min(width_squared + radius_squared * inverse * inverse / sum_squared, 1.0);
+    let fall = width / (width + (1.0 - width) * sin_squared);
+    return max(width_squared / width * fall * fall, LEAST_LOBE * toward_fall(box, axis, width_squared));
+}
+
 // About how a surface scatters: `lighttree::ScatterLobes`.
 struct Lobes {
     normal: vec3f,

@@ -13,7 +13,7 @@
 use glam::Vec3;
 use lighttree::{LightHierarchy, Receiver};
 
-use super::{CutScratch, NodeCdf, ReceiverGroup, SharedCut};
+use super::{CutScratch, KeptBlock, NodeCdf, ReceiverGroup, SharedCut, VisibilityStore};
 use crate::visibility::{Learning, Phases};
 
 /// How many distributions a pixel has: what it sees first, and what else it sees.
@@ -33,6 +33,8 @@ pub struct BlockCdfs {
     entries: Vec<Entry>,
     learning: Option<Learning>,
     defensive: f32,
+    /// What chose the cut.
+    group: Option<ReceiverGroup>,
     phases: Phases,
     /// Distributions made, for those who count.
     built: u64,
@@ -72,7 +74,7 @@ impl BlockCdfs {
         for entry in &mut self.entries {
             entry.phase = 0;
         }
-        (self.phases, self.built) = (Phases::default(), 0);
+        (self.group, self.phases, self.built) = (None, Phases::default(), 0);
         match (learn, &mut self.learning) {
             (None, learning) => *learning = None,
             (Some(defensive), learning) => {
@@ -82,20 +84,25 @@ impl BlockCdfs {
         }
     }
 
-    /// Begins the next pass, for these receivers: positions and normals. The first chooses the cut, of at most `nodes` nodes.
-    /// Returns whether it did.
+    /// Begins the next pass, for these receivers: positions and normals. The first chooses the cut, of at most `nodes` nodes, and recalls what
+    /// an `earlier` frame learned in this place. Returns whether it did.
     pub fn begin_pass<T: LightHierarchy>(
         &mut self,
         tree: &T,
         nodes: usize,
         receivers: impl IntoIterator<Item = (Vec3, Vec3)>,
+        earlier: Option<&VisibilityStore>,
     ) -> bool {
         let is_first = self.phases.is_new();
         if is_first {
             let Some(group) = ReceiverGroup::of(receivers) else { return false };
             self.cut.select(tree, &group, nodes, &mut self.scratch);
+            self.group = Some(group);
             if let Some(learning) = &mut self.learning {
                 learning.begin(self.cut.nodes().len());
+                if earlier.is_some_and(|store| store.recall(tree, &group, &self.cut, &mut learning.nodes)) {
+                    learning.begin_phase();
+                }
             }
         }
         match &mut self.learning {
@@ -107,6 +114,12 @@ impl BlockCdfs {
             None => self.phases.next_of_one(),
         }
         is_first
+    }
+
+    /// What was learned, for a later frame; `None` if nothing was to be.
+    pub fn learned<T: LightHierarchy>(&self, tree: &T) -> Option<KeptBlock> {
+        let (learning, group) = (self.learning.as_ref()?, self.group?);
+        Some(KeptBlock::of(tree, group, &self.cut, &learning.nodes))
     }
 
     /// How many passes of this phase came before this one. Where nothing is learned there is one phase.

@@ -34,21 +34,22 @@ impl CellParams {
 }
 
 /// A cube of the grid and a class of normals: 0 to 5 for the axis that is nearest, 6 for none.
-type CellKey = ([i32; 3], u8);
+pub(super) type CellKey = ([i32; 3], u8);
 
 /// Length of the mean normal of a class, about: of all that are nearer to one axis than to others.
 const MEAN_NORMAL: f32 = 0.83;
 
-impl CellParams {
-    fn key(&self, position: Vec3, normal: Vec3) -> CellKey {
-        let at = (position.as_dvec3() / self.side).floor();
-        // Casts saturate: what is beyond shares the last cells.
-        let cube = [at.x as i32, at.y as i32, at.z as i32];
-        let axis = normal.abs().max_position();
-        let class = if normal == Vec3::ZERO { 6 } else { 2 * axis + usize::from(normal[axis] < 0.0) };
-        (cube, class as u8)
-    }
+/// The cell of a place and a normal of any length.
+pub(super) fn cell_key(side: f64, position: Vec3, normal: Vec3) -> CellKey {
+    let at = (position.as_dvec3() / side).floor();
+    // Casts saturate: what is beyond shares the last cells.
+    let cube = [at.x as i32, at.y as i32, at.z as i32];
+    let axis = normal.abs().max_position();
+    let class = if normal == Vec3::ZERO { 6 } else { 2 * axis + usize::from(normal[axis] < 0.0) };
+    (cube, class as u8)
+}
 
+impl CellParams {
     fn group(&self, (cube, class): CellKey) -> ReceiverGroup {
         let low = DVec3::from_array(cube.map(f64::from)) * self.side;
         let mut mean_normal = Vec3::ZERO;
@@ -133,7 +134,7 @@ impl CellCdfs {
         receiver: &(impl Receiver + ?Sized),
         normal: Vec3,
     ) -> u64 {
-        let key = params.key(receiver.position(), normal);
+        let key = cell_key(params.side, receiver.position(), normal);
         self.current = match self.places.get(&key) {
             Some(&place) => place as usize,
             None => {

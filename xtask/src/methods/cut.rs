@@ -1,10 +1,10 @@
 //! Stochastic cuts as methods of direct lighting: a cut per point, or one for a block of pixels.
 
 use lighttree::rng::{Decisions, Random, pcg4d};
-use lighttree::{ChildChoice, TreeSampler};
+use lighttree::{ChildChoice, LightHierarchy, TreeSampler};
 use scene::{
-    Camera, Counts, Draw, DrawLights, Frame, Purpose, RayScratch, SceneRays, ShadingPoint, camera_path,
-    camera_ray,
+    Camera, Counts, Draw, DrawLights, Frame, Purpose, RayScratch, SceneRays, ShadingPoint, WalkBatch,
+    camera_path, camera_ray,
 };
 use stochastic::{
     BlockGrid, CutParams, CutSampler, EnergySpread, Guard, Interleave, SelectSubtrees, Selection, SharedCuts,
@@ -14,7 +14,7 @@ use stochastic::{
 use super::split;
 use crate::failure::Failure;
 use crate::settings::{Key, Range, Settings};
-use crate::trees::{self, Tree};
+use crate::trees;
 
 /// Light samples per camera sample of methods that draw one from each of several subtrees.
 pub(crate) const LIGHTS: Key = Key {
@@ -108,7 +108,11 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Failure> {
 }
 
 /// Cuts of so many nodes.
-pub(crate) fn sampler<'a>(tree: &'a Tree, settings: &Settings, nodes: u32) -> CutSampler<'a, Tree> {
+pub(crate) fn sampler<'a, T: LightHierarchy>(
+    tree: &'a T,
+    settings: &Settings,
+    nodes: u32,
+) -> CutSampler<'a, T> {
     let choice: ChildChoice = trees::choice(settings);
     let default = CutParams::with_nodes(nodes);
     let distance_floor = settings.find_number("distance_floor").unwrap_or(default.distance_floor);
@@ -121,47 +125,70 @@ pub(crate) struct SubtreesMethod<S> {
     per_node: u32,
 }
 
-impl<'a> SubtreesMethod<CutSampler<'a, Tree>> {
+impl<'a, T: LightHierarchy> SubtreesMethod<CutSampler<'a, T>> {
     /// A cut, over the tree of all lights of the frame.
     ///
     /// # Errors
     /// A usage error as [`check`] has it.
-    pub(crate) fn cut(tree: &'a Tree, settings: &Settings) -> Result<Self, Failure> {
+    pub(crate) fn cut(tree: &'a T, settings: &Settings) -> Result<Self, Failure> {
         let Budget { nodes, per_node } = Budget::of(settings, 1)?;
         Ok(Self { sampler: sampler(tree, settings, nodes), per_node })
     }
 }
 
-impl<'a> SubtreesMethod<SplitSampler<'a, Tree>> {
+impl<'a, T: LightHierarchy> SubtreesMethod<SplitSampler<'a, T>> {
     /// As the tree is split, over that of all lights of the frame and the spread that was made for it.
-    pub(crate) fn split(tree: &'a Tree, spread: &'a EnergySpread, settings: &Settings) -> Self {
+    pub(crate) fn split(tree: &'a T, spread: &'a EnergySpread, settings: &Settings) -> Self {
         Self { sampler: split::sampler(tree, spread, settings, settings.whole("lights")), per_node: 1 }
     }
 }
 
+/// Reused from call to call.
+#[derive(Default)]
+pub(crate) struct SubtreesScratch {
+    selection: Selection,
+    batch: WalkBatch,
+}
+
 impl<S: SelectSubtrees + Sync> DrawLights for SubtreesMethod<S> {
-    type Scratch = Selection;
+    type Scratch = SubtreesScratch;
     type Tag = ();
+
+    fn begin_points(
+        &self,
+        points: &[ShadingPoint],
+        seed: u32,
+        scratch: &mut SubtreesScratch,
+        counts: &mut Counts,
+    ) {
+        let SubtreesScratch { selection, batch } = scratch;
+        batch.begin();
+        for point in points {
+            self.sampler.select(point, selection);
+            counts.add_cut(selection.nodes().len() as u64);
+            counts.node_visits += u64::from(selection.visited());
+            let subtrees = self.sampler.subtrees(selection.nodes());
+            let slots = 0..selection.nodes().len() as u64 * u64::from(self.per_node);
+            batch.plan(point, seed, |index, random, walks| {
+                subtrees.plan(index, slots, self.per_node, random.stream(), walks);
+            });
+        }
+        counts.node_visits += batch.walk(self.sampler.walk(), points);
+    }
 
     fn draw(
         &self,
-        points: &[ShadingPoint],
+        _: &[ShadingPoint],
         index: usize,
         random: &mut Decisions,
-        scratch: &mut Selection,
-        counts: &mut Counts,
+        scratch: &mut SubtreesScratch,
+        _: &mut Counts,
         mut each: impl FnMut(Draw<()>, &mut Decisions),
     ) {
-        let point = &points[index];
-        self.sampler.select(point, scratch);
-        counts.add_cut(scratch.nodes().len() as u64);
-        let subtrees = self.sampler.subtrees(scratch.nodes());
-        let slots = 0..scratch.nodes().len() as u64 * u64::from(self.per_node);
-        let visited = subtrees.draw(point, slots, self.per_node, random, |_, sample, random| {
+        for sample in scratch.batch.drawn(index, random).iter().flatten() {
             let weight = 1.0 / (f64::from(self.per_node) * sample.pmf);
             each(Draw { light: sample.light, weight, tag: () }, random);
-        });
-        counts.node_visits += u64::from(scratch.visited() + visited);
+        }
     }
 }
 
@@ -174,8 +201,8 @@ const TRIES: usize = 64;
 /// pixels nevertheless: one that isn't at hand is looked at by a camera ray of its own, the very one it has in its own turn. So
 /// blocks may be of any size, a part of a picture is the same as in the whole, threads share nothing, and no table grows with
 /// the picture. The price for blocks larger than 8 is one such ray and one cut for every 64 pixels.
-pub(crate) struct SharedCutMethod<'a> {
-    sampler: CutSampler<'a, Tree>,
+pub(crate) struct SharedCutMethod<'a, T> {
+    sampler: CutSampler<'a, T>,
     per_node: u32,
     grid: BlockGrid,
     guard: Option<Guard>,
@@ -185,13 +212,13 @@ pub(crate) struct SharedCutMethod<'a> {
     size: (u32, u32),
 }
 
-impl<'a> SharedCutMethod<'a> {
+impl<'a, T: LightHierarchy> SharedCutMethod<'a, T> {
     /// Over the tree of all lights of `frame`, for a picture of `size` that `camera` takes.
     ///
     /// # Errors
     /// A usage error as [`check`] has it.
     pub(crate) fn new(
-        tree: &'a Tree,
+        tree: &'a T,
         settings: &Settings,
         frame: &'a Frame<'a, SceneRays>,
         camera: &'a Camera,
@@ -250,13 +277,12 @@ pub(crate) struct SharedCutScratch {
     cuts: SharedCuts<SurfacePoint>,
     /// Blocks without a representative.
     given_up: Vec<u32>,
-    /// Place of each point's cut.
-    places: Vec<Option<usize>>,
+    batch: WalkBatch,
     own: Selection,
     rays: RayScratch,
 }
 
-impl DrawLights for SharedCutMethod<'_> {
+impl<T: LightHierarchy + Sync> DrawLights for SharedCutMethod<'_, T> {
     type Scratch = SharedCutScratch;
     type Tag = ();
 
@@ -268,54 +294,84 @@ impl DrawLights for SharedCutMethod<'_> {
     fn begin_points(
         &self,
         points: &[ShadingPoint],
-        _: u32,
+        seed: u32,
         scratch: &mut SharedCutScratch,
         counts: &mut Counts,
     ) {
         scratch.cuts.clear();
         scratch.given_up.clear();
-        scratch.places.clear();
+        scratch.batch.begin();
         for point in points {
-            let block = self.grid.block_of(point.pixel);
-            let mut place = scratch.cuts.find(block);
-            if place.is_none() && !scratch.given_up.contains(&block) {
-                match self.representative(block, points, point.sample, scratch, counts) {
-                    Some(chosen) => {
-                        let (at, visited) =
-                            scratch.cuts.select(block, &self.sampler, &chosen, self.seen(&chosen));
-                        counts.add_cut(scratch.cuts.nodes(at).len() as u64);
-                        counts.node_visits += u64::from(visited);
-                        place = Some(at);
-                    }
-                    None => scratch.given_up.push(block),
-                }
-            }
-            scratch.places.push(place);
+            let place = self.cut_of(point, points, scratch, counts);
+            self.plan(point, place, seed, scratch, counts);
         }
+        counts.node_visits += scratch.batch.walk(self.sampler.walk(), points);
     }
 
     fn draw(
         &self,
-        points: &[ShadingPoint],
+        _: &[ShadingPoint],
         index: usize,
         random: &mut Decisions,
         scratch: &mut SharedCutScratch,
-        counts: &mut Counts,
+        _: &mut Counts,
         mut each: impl FnMut(Draw<()>, &mut Decisions),
     ) {
-        let point = &points[index];
+        let factor = f64::from(self.interleave.parts()) / f64::from(self.per_node);
+        for sample in scratch.batch.drawn(index, random).iter().flatten() {
+            each(Draw { light: sample.light, weight: factor / sample.pmf, tag: () }, random);
+        }
+    }
+}
+
+impl<T: LightHierarchy> SharedCutMethod<'_, T> {
+    /// Place of the cut of a point's block, which is made if it isn't there; `None` for a block that shows nothing.
+    fn cut_of(
+        &self,
+        point: &ShadingPoint,
+        points: &[ShadingPoint],
+        scratch: &mut SharedCutScratch,
+        counts: &mut Counts,
+    ) -> Option<usize> {
+        let block = self.grid.block_of(point.pixel);
+        if let Some(place) = scratch.cuts.find(block) {
+            return Some(place);
+        }
+        if scratch.given_up.contains(&block) {
+            return None;
+        }
+        let Some(chosen) = self.representative(block, points, point.sample, scratch, counts) else {
+            scratch.given_up.push(block);
+            return None;
+        };
+        let (place, visited) = scratch.cuts.select(block, &self.sampler, &chosen, self.seen(&chosen));
+        counts.add_cut(scratch.cuts.nodes(place).len() as u64);
+        counts.node_visits += u64::from(visited);
+        Some(place)
+    }
+
+    /// Plans the walks of a point from its block's cut, or from one of its own.
+    fn plan(
+        &self,
+        point: &ShadingPoint,
+        place: Option<usize>,
+        seed: u32,
+        scratch: &mut SharedCutScratch,
+        counts: &mut Counts,
+    ) {
+        let SharedCutScratch { cuts, own, batch, .. } = scratch;
         let admitted = |&place: &usize| {
             let guard = self.guard.as_ref();
-            guard.is_none_or(|guard| guard.admits(scratch.cuts.representative(place), &self.seen(point)))
+            guard.is_none_or(|guard| guard.admits(cuts.representative(place), &self.seen(point)))
         };
-        let nodes = match scratch.places[index].filter(admitted) {
-            Some(place) => scratch.cuts.nodes(place),
+        let nodes = match place.filter(admitted) {
+            Some(place) => cuts.nodes(place),
             None => {
                 counts.fallbacks += 1;
-                self.sampler.select(point, &mut scratch.own);
-                counts.add_cut(scratch.own.nodes().len() as u64);
-                counts.node_visits += u64::from(scratch.own.visited());
-                scratch.own.nodes()
+                self.sampler.select(point, own);
+                counts.add_cut(own.nodes().len() as u64);
+                counts.node_visits += u64::from(own.visited());
+                own.nodes()
             }
         };
 
@@ -324,11 +380,9 @@ impl DrawLights for SharedCutMethod<'_> {
         let (x, y) = self.grid.place(point.pixel);
         let part = self.interleave.part(x, y, point.sample.wrapping_add(turn));
         let share = self.interleave.share(part, nodes.len() as u64 * u64::from(self.per_node));
-        let factor = f64::from(self.interleave.parts()) / f64::from(self.per_node);
         let subtrees = self.sampler.subtrees(nodes);
-        let visited = subtrees.draw(point, share, self.per_node, random, |_, sample, random| {
-            each(Draw { light: sample.light, weight: factor / sample.pmf, tag: () }, random);
+        batch.plan(point, seed, |index, random, walks| {
+            subtrees.plan(index, share, self.per_node, random.stream(), walks);
         });
-        counts.node_visits += u64::from(visited);
     }
 }

@@ -1,9 +1,11 @@
 //! `cut-cdf` and `cut-cdf-vis`: a large cut for each block of pixels and a distribution over it for each pixel.
 
+use std::sync::{Mutex, PoisonError};
+
 use lighttree::rng::{Decisions, pcg4d};
-use lighttree::{LightHierarchy, LightSample, TreeSampler};
-use scene::{Counts, Draw, DrawLights, Purpose, ShadingPoint};
-use stochastic::{BlockCdfs, CutCdf, Prepared};
+use lighttree::{LightHierarchy, LightSample, TreeSampler, WalkFrom};
+use scene::{Counts, Draw, DrawLights, Purpose, ShadingPoint, WalkBatch};
+use stochastic::{BlockCdfs, KeptBlock, Prepared, VisibilityStore};
 
 use crate::settings::{Key, Range, Settings};
 use crate::trees;
@@ -36,18 +38,58 @@ pub(crate) struct CutCdfMethod<'a, T> {
     samples: u32,
     /// The defensive share, if anything is learned.
     learn: Option<f32>,
+    kept: &'a Learned,
 }
+
+/// What the last frame has learned, and what this one learns for the next.
+#[derive(Default)]
+pub(crate) struct Learned {
+    last: VisibilityStore,
+    /// By the first pixel of each unit; `None`: nothing is to be kept.
+    next: Option<Mutex<Vec<(u32, KeptBlock)>>>,
+}
+
+impl Learned {
+    /// Begins the next frame with what this one has learned, in a scene within a sphere of this radius; and goes on keeping.
+    pub(crate) fn next_frame(self, radius: f32) -> Self {
+        let blocks = self.next.map(|blocks| blocks.into_inner().unwrap_or_else(PoisonError::into_inner));
+        // In the order of pixels: who came first must not depend on threads.
+        let mut blocks = blocks.unwrap_or_default();
+        blocks.sort_by_key(|(pixel, _)| *pixel);
+        let side = f64::from(radius) / CELLS;
+        let side = if side > 0.0 { side } else { f64::INFINITY };
+        let last = VisibilityStore::new(side, blocks.into_iter().map(|(_, block)| block));
+        Self { last, next: Some(Mutex::default()) }
+    }
+
+    /// Cells that something is known of.
+    #[cfg(test)]
+    pub(crate) fn known(&self) -> usize {
+        self.last.len()
+    }
+}
+
+/// Cells along the scene's radius that are told apart from frame to frame.
+const CELLS: f64 = 64.0;
 
 /// Of one thread: the block at hand.
 #[derive(Default)]
 pub(crate) struct BlockScratch {
     block: BlockCdfs,
-    /// The unit's pixels, and for each of the points which of them is its own.
+    /// The unit's pixels.
     pixels: Vec<u32>,
-    places: Vec<u32>,
-    /// Nodes that one point drew from.
-    drawn: Vec<u32>,
-    seed: u32,
+    batch: WalkBatch,
+    /// For each walk what it was drawn by.
+    nodes: Vec<NodeDrawn>,
+}
+
+/// How a node came to be drawn.
+#[derive(Clone, Copy, Debug)]
+struct NodeDrawn {
+    node: u32,
+    /// What its receiver estimates it at.
+    weight: f32,
+    pmf: f64,
 }
 
 /// What to learn by.
@@ -60,12 +102,13 @@ pub(crate) struct NodeTag {
 
 impl<'a, T: LightHierarchy> CutCdfMethod<'a, T> {
     /// As the settings have it; with `learn`, from shadow rays.
-    pub(crate) fn new(tree: &'a T, settings: &Settings, learn: bool) -> Self {
+    pub(crate) fn new(tree: &'a T, settings: &Settings, learn: bool, kept: &'a Learned) -> Self {
         Self {
             walk: TreeSampler::new(tree).with_choice(trees::choice(settings)),
             nodes: settings.whole("nodes") as usize,
             samples: settings.whole("lights"),
             learn: learn.then(|| settings.number("defensive").unwrap_or(1.0)),
+            kept,
         }
     }
 }
@@ -80,6 +123,13 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
         scratch.block.begin(pixels.len(), self.learn);
     }
 
+    fn end_unit(&self, scratch: &mut BlockScratch) {
+        let (Some(next), Some(&first)) = (&self.kept.next, scratch.pixels.first()) else { return };
+        if let Some(learned) = scratch.block.learned(self.walk.tree()) {
+            next.lock().unwrap_or_else(PoisonError::into_inner).push((first, learned));
+        }
+    }
+
     fn begin_points(
         &self,
         points: &[ShadingPoint],
@@ -87,57 +137,70 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
         scratch: &mut BlockScratch,
         counts: &mut Counts,
     ) {
-        scratch.seed = seed;
-        // Points come in the order of pixels, but some pixels have none.
-        scratch.places.clear();
+        let BlockScratch { block, pixels, batch, nodes } = scratch;
+        let receivers = points.iter().map(|point| (point.position, point.normal));
+        if block.begin_pass(self.walk.tree(), self.nodes, receivers, Some(&self.kept.last)) {
+            counts.add_cut(block.cut().nodes().len() as u64);
+        }
+        let (pass, built) = (block.pass_of_phase(), block.built());
+
+        // Draw nodes for all points, and then walk down from all of them together.
+        batch.begin();
+        nodes.clear();
         let mut place = 0;
         for point in points {
-            while scratch.pixels.get(place).is_some_and(|&pixel| pixel != point.pixel) {
+            // Points come in the order of pixels, but some pixels have none.
+            while pixels.get(place).is_some_and(|&pixel| pixel != point.pixel) {
                 place += 1;
             }
-            scratch.places.push(place as u32);
+            let before = nodes.len();
+            let Prepared { cut, cdf, weights } = block.prepare(place, point, point.normal);
+            let first = first_number(point, seed, pass);
+            batch.plan(point, seed, |index, random, walks| {
+                for k in 0..self.samples {
+                    // All samples of a phase of one pixel are one sequence of Weyl's: any number of them is spread evenly.
+                    let number = u64::from(pass) * u64::from(self.samples) + u64::from(k);
+                    random.restart(first.wrapping_add(number.wrapping_mul(GOLDEN)));
+                    let Some(node) = cdf.draw(random) else { break };
+                    let drawn =
+                        NodeDrawn { node: node as u32, weight: weights[node], pmf: cdf.probability(node) };
+                    nodes.push(drawn);
+                    walks.push(WalkFrom::after(index, cut.nodes()[node], random));
+                }
+            });
+            for drawn in &nodes[before..] {
+                block.drawn(drawn.node as usize);
+            }
         }
-        let receivers = points.iter().map(|point| (point.position, point.normal));
-        if scratch.block.begin_pass(self.walk.tree(), self.nodes, receivers) {
-            counts.add_cut(scratch.block.cut().nodes().len() as u64);
-        }
+        counts.node_visits += batch.walk(&self.walk, points);
+        counts.node_visits += (block.built() - built) * block.cut().nodes().len() as u64;
     }
 
     fn draw(
         &self,
-        points: &[ShadingPoint],
+        _: &[ShadingPoint],
         index: usize,
         random: &mut Decisions,
         scratch: &mut BlockScratch,
-        counts: &mut Counts,
+        _: &mut Counts,
         mut each: impl FnMut(Draw<NodeTag>, &mut Decisions),
     ) {
-        let point = &points[index];
-        let pass = scratch.block.pass_of_phase();
-        let built = scratch.block.built();
-        let BlockScratch { block, places, seed, drawn, .. } = scratch;
-        let Prepared { cut, cdf, weights } = block.prepare(places[index] as usize, point, point.normal);
-        let sampler = CutCdf { walk: &self.walk, cut, cdf };
-        let first = first_number(point, *seed, pass);
-        let per_sample = 1.0 / f64::from(self.samples);
-        drawn.clear();
-        for k in 0..self.samples {
-            // All samples of a phase of one pixel are one sequence of Weyl's: any number of them is spread evenly.
-            let number = u64::from(pass) * u64::from(self.samples) + u64::from(k);
-            random.restart(first.wrapping_add(number.wrapping_mul(GOLDEN)));
-            let Some(draw) = sampler.draw(point, random) else { continue };
-            drawn.push(draw.node as u32);
-            counts.node_visits += u64::from(draw.visited);
-            if let Some(LightSample { light, pmf }) = draw.sample {
-                let scale = draw.node_pmf / (pmf * f64::from(weights[draw.node]));
-                let tag = NodeTag { node: draw.node as u32, scale: scale as f32 };
-                each(Draw { light, weight: per_sample / pmf, tag }, random);
+        let BlockScratch { batch, nodes, .. } = scratch;
+        let samples = f64::from(self.samples);
+        let drawn = batch.drawn(index, random);
+        for (sample, by) in drawn.iter().zip(&nodes[batch.first(index)..]) {
+            if let Some(LightSample { light, pmf }) = *sample {
+                let scale = (1.0 / (pmf * f64::from(by.weight))) as f32;
+                each(
+                    Draw {
+                        light,
+                        weight: 1.0 / (samples * pmf * by.pmf),
+                        tag: NodeTag { node: by.node, scale },
+                    },
+                    random,
+                );
             }
         }
-        for &node in drawn.iter() {
-            block.drawn(node as usize);
-        }
-        counts.node_visits += (block.built() - built) * block.cut().nodes().len() as u64;
     }
 
     fn learn(&self, tag: NodeTag, unoccluded: f32, visible: bool, scratch: &mut BlockScratch) {

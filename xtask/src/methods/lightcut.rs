@@ -146,7 +146,7 @@ mod tests {
     };
 
     use super::{LightcutMethod, representatives};
-    use crate::trees::Tree;
+    use crate::trees::{KeptMeshes, Tree};
 
     /// What a clamp of virtual lights takes from a picture is what the counts say, for a lightcut that is refined down to every light
     /// as for brute force.
@@ -157,7 +157,7 @@ mod tests {
         let frame = |lights, vpl_clamp| Frame { vpl_clamp, ..Frame::new(&scene, &rays, lights, 3) };
         let virtual_lights = virtual_lights(&frame(&scene.lights, f32::INFINITY), 200, 3).0;
         let lights = [scene.lights.clone(), virtual_lights].concat();
-        let tree = Tree::build("saoh", &lights, &scene).unwrap();
+        let tree = Tree::build("saoh", &lights, &scene, &mut KeptMeshes::default()).unwrap();
         let representatives = representatives(&tree, &lights, "random", 1).unwrap();
         let params = LightcutParams { max_nodes: u32::MAX, ..LightcutParams::with_threshold(0.0) };
         let lightcut = LightcutMethod { tree: &tree, representatives: &representatives, params };

@@ -153,7 +153,7 @@ mod tests {
     use super::{NextEventCells, NextEventSubtrees, lights};
     use crate::methods::{Method, cut_sampler, split_sampler};
     use crate::settings::Settings;
-    use crate::trees::Tree;
+    use crate::trees::{KeptMeshes, Tree};
     use lighttree::{PowerSampler, TreeSampler, UniformSampler};
     use scene::{
         Counts, Frame, NextEvent, Purpose, RayScratch, Sampled, SceneRays, ShadingPoint, builtin,
@@ -189,7 +189,7 @@ mod tests {
     fn what_was_drawn_and_what_is_hit_agree() {
         let scene = builtin("city:200").unwrap();
         let rays = SceneRays::build(&scene).unwrap();
-        let tree = Tree::build("saoh", &scene.lights, &scene).unwrap();
+        let tree = Tree::build("saoh", &scene.lights, &scene, &mut KeptMeshes::default()).unwrap();
         let spread = EnergySpread::of(&tree);
         let frame = Frame::new(&scene, &rays, &scene.lights, 1);
         let points: Vec<_> = (0..20 * 20)

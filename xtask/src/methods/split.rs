@@ -1,11 +1,11 @@
 //! Adaptive tree splitting as a method of direct lighting.
 
-use lighttree::TreeSampler;
+use lighttree::{LightHierarchy, TreeSampler};
 use stochastic::{EnergySpread, SplitParams, SplitSampler};
 
 use super::cut::LIGHTS;
 use crate::settings::{Key, Range, Settings};
-use crate::trees::{self, Tree};
+use crate::trees;
 
 /// Dials of the method.
 pub(crate) const KEYS: [Key; 4] = [
@@ -24,12 +24,12 @@ pub(crate) const KEYS: [Key; 4] = [
 ];
 
 /// Splits for each point, into at most `lights` subtrees: over the tree of all lights of the frame, and the spread that was made for it.
-pub(crate) fn sampler<'a>(
-    tree: &'a Tree,
+pub(crate) fn sampler<'a, T: LightHierarchy>(
+    tree: &'a T,
     spread: &'a EnergySpread,
     settings: &Settings,
     lights: u32,
-) -> SplitSampler<'a, Tree> {
+) -> SplitSampler<'a, T> {
     let default = SplitParams::default();
     let threshold = settings.find_number("threshold").unwrap_or(default.threshold);
     let walk = TreeSampler::new(tree).with_choice(trees::choice(settings));

@@ -7,26 +7,64 @@ use lighttree::{BuildParams, Emitter, LightBounds, LightTree, TriangleLight};
 use scene::{Light, Scene};
 use stochastic::{Keeps, LightInstance, LightMesh, TwoLevelTree};
 
+/// Trees of meshes that one frame leaves to the next.
+#[derive(Default)]
+pub(crate) struct KeptMeshes {
+    /// In the order in which they were built: what the lights were, and the tree over them.
+    meshes: Vec<(Vec<LightBounds>, Keeps, LightMesh<LightTree>)>,
+    /// Trees built for the last frame.
+    built: usize,
+}
+
+impl KeptMeshes {
+    /// How many trees of meshes were built for the last frame; the others were kept from the one before.
+    #[cfg(test)]
+    pub(crate) const fn built(&self) -> usize {
+        self.built
+    }
+
+    /// The tree of mesh number `index`: that of the last frame if its lights are the same, otherwise a new one.
+    fn mesh(
+        &mut self,
+        index: usize,
+        bounds: Vec<LightBounds>,
+        keeps: Keeps,
+    ) -> Result<LightMesh<LightTree>, String> {
+        if let Some((last, kept_as, mesh)) = self.meshes.get(index)
+            && *kept_as == keeps
+            && *last == bounds
+        {
+            return Ok(mesh.clone());
+        }
+        self.built += 1;
+        let tree = LightTree::build(&bounds, &BuildParams::saoh()).map_err(|error| error.to_string())?;
+        let mesh = LightMesh::new(tree, bounds.len() as u32).keeping(keeps);
+        self.meshes.truncate(index);
+        self.meshes.push((bounds, keeps, mesh.clone()));
+        Ok(mesh)
+    }
+}
+
 /// The tree over `lights`, with the same ids: each run of lights on one instance is one of its mesh, and whatever else lies between them
-/// is taken as it is.
+/// is taken as it is. Meshes whose lights are what they were in the last frame keep their trees.
 ///
 /// # Errors
 /// A sentence about the light or the instance that cannot be used.
-pub(super) fn build(lights: &[Light], scene: &Scene) -> Result<TwoLevelTree<LightTree>, String> {
-    let params = BuildParams::saoh();
+pub(super) fn build(
+    lights: &[Light],
+    scene: &Scene,
+    kept: &mut KeptMeshes,
+) -> Result<TwoLevelTree<LightTree>, String> {
+    kept.built = 0;
     let mut meshes = Vec::new();
     let mut instances = Vec::new();
     // By mesh of the scene and triangles of it, since an instance may have lost some that have no area.
     let mut known: HashMap<(u32, Vec<u32>), u32> = HashMap::new();
     for run in lights.chunk_by(|a, b| instance_of(a) == instance_of(b)) {
-        let tree = |bounds: &[LightBounds], keeps| {
-            let tree = LightTree::build(bounds, &params).map_err(|error| error.to_string())?;
-            Ok::<_, String>(LightMesh::new(tree, bounds.len() as u32).keeping(keeps))
-        };
         let Some(instance) = instance_of(&run[0]) else {
             let bounds: Vec<_> = run.iter().map(Emitter::bounds).collect();
             instances.push(LightInstance { mesh: meshes.len() as u32, to_world: Affine3A::IDENTITY });
-            meshes.push(tree(&bounds, Keeps::Intensity)?);
+            meshes.push(kept.mesh(meshes.len(), bounds, Keeps::Intensity)?);
             continue;
         };
         let instance = scene.instances[instance as usize];
@@ -36,14 +74,15 @@ pub(super) fn build(lights: &[Light], scene: &Scene) -> Result<TwoLevelTree<Ligh
             None => {
                 let bounds: Vec<_> = run.iter().map(|light| in_mesh(light, scene)).collect();
                 let mesh = meshes.len() as u32;
-                meshes.push(tree(&bounds, Keeps::Radiance)?);
+                meshes.push(kept.mesh(meshes.len(), bounds, Keeps::Radiance)?);
                 known.insert((instance.mesh, triangles), mesh);
                 mesh
             }
         };
         instances.push(LightInstance { mesh, to_world: instance.to_world });
     }
-    TwoLevelTree::build(meshes, &instances, &params).map_err(|error| error.to_string())
+    kept.meshes.truncate(meshes.len());
+    TwoLevelTree::build(meshes, &instances, &BuildParams::saoh()).map_err(|error| error.to_string())
 }
 
 /// The instance that a light is on, if it is on one.
@@ -89,7 +128,7 @@ mod tests {
         scene.lights.clear();
         scene.add_emissive_triangles();
         scene.lights.push(Light::Point { position: Vec3::ONE, intensity: Vec3::ONE });
-        let tree = build(&scene.lights, &scene).unwrap();
+        let tree = build(&scene.lights, &scene, &mut KeptMeshes::default()).unwrap();
         assert_eq!(tree.light_count() as usize, scene.lights.len());
         assert_eq!((tree.meshes().len(), tree.instances()), (12 + 1, 13 + 1));
         for (id, light) in scene.lights.iter().enumerate() {
@@ -101,5 +140,28 @@ mod tests {
                 node = tree.children(at).map(NodeId).find(|&child| tree.items(child).contains(&slot));
             }
         }
+    }
+
+    /// Bodies that only move keep their trees; one whose lights change gets a new one, and a frame with other trees than kept is what it is from
+    /// scratch.
+    #[test]
+    fn unmoved_lights_of_a_mesh_keep_their_tree() {
+        let mut scene = builtin("cornell-lights:300").unwrap();
+        let mut kept = KeptMeshes::default();
+        let mut built = Vec::new();
+        for frame in 0..3 {
+            scene.go_to_frame(frame).unwrap();
+            let tree = build(&scene.lights, &scene, &mut kept).unwrap();
+            built.push(kept.built());
+            let fresh = build(&scene.lights, &scene, &mut KeptMeshes::default()).unwrap();
+            for node in [tree.root().unwrap(), NodeId(tree.children(tree.root().unwrap()).start)] {
+                assert_eq!(tree.bounds(node), fresh.bounds(node), "frame {frame}");
+            }
+        }
+        assert_eq!(built, [12, 0, 0]);
+        let Light::Triangle { radiance, .. } = &mut scene.lights[299] else { unreachable!() };
+        *radiance *= 2.0;
+        build(&scene.lights, &scene, &mut kept).unwrap();
+        assert_eq!(kept.built(), 1);
     }
 }

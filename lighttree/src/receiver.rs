@@ -1,6 +1,7 @@
 //! A point to be lit, as far as a bound has to know it.
 
 mod ggx;
+mod lobes;
 mod phong;
 
 use core::f32::consts::FRAC_1_PI;
@@ -10,6 +11,8 @@ use glam::{DVec3, Vec3};
 use crate::Toward;
 
 pub use ggx::GgxReceiver;
+pub use lobes::ScatterLobes;
+pub(crate) use lobes::{LEAST_LOBE, LEAST_SUM};
 pub use phong::PhongReceiver;
 
 /// A point to be lit, as far as a bound has to know it.
@@ -47,44 +50,6 @@ pub trait Receiver {
     /// default: there is no such form, and [`scatter_importance`](Self::scatter_importance) is asked.
     fn lobes(&self) -> Option<ScatterLobes> {
         None
-    }
-}
-
-/// About how a surface scatters: a diffuse part, and a lobe around one axis.
-///
-/// Towards ω it is `diffuse` · n·ω + `peak` · (w² / (w² + (1 - w²) sin² β))² with β the angle of the normal n to the half vector of ω and of the view, which is
-/// `axis` mirrored at n: the shape that GGX has, and at grazing views much narrower sideways than up and down. Nothing below the
-/// horizon. Without a normal β is half the angle of ω to `axis`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ScatterLobes {
-    /// Unit normal; zero means no preferred direction (every cosine counts as 1, and nothing is below a horizon).
-    pub normal: Vec3,
-    /// Diffuse albedo / π, sr⁻¹, at least 0. Not both this and `peak` may be 0 where anything is scattered.
-    pub diffuse: f32,
-    /// Unit axis of the lobe.
-    pub axis: Vec3,
-    /// Scattering along that axis, sr⁻¹, at least 0; 0: no lobe.
-    pub peak: f32,
-    /// w²: squared width of the lobe, in (0, 1]; GGX's α².
-    pub width_squared: f32,
-}
-
-impl ScatterLobes {
-    /// Only the diffuse part, of a surface with a normal of any length and this albedo. `None` where f32 has no such number.
-    pub fn diffuse(normal: Vec3, albedo: f32) -> Option<Self> {
-        Self { normal, diffuse: albedo * FRAC_1_PI, axis: Vec3::ZERO, peak: 0.0, width_squared: 1.0 }.usable()
-    }
-
-    /// With a unit normal; `None` where a number is out of its range, or all are so small that products would vanish.
-    fn usable(mut self) -> Option<Self> {
-        self.normal = unit(self.normal).as_vec3();
-        let strength = self.diffuse.max(self.peak);
-        let in_range = (1e-6..1e12).contains(&strength)
-            && (self.diffuse >= 1e-6 || self.peak * self.width_squared * self.width_squared >= 1e-12)
-            && self.width_squared > 0.0
-            && self.normal.is_finite()
-            && self.axis.is_finite();
-        in_range.then_some(self)
     }
 }
 

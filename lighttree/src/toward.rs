@@ -34,10 +34,16 @@ impl Toward {
         self.high.max(-self.low).length_squared()
     }
 
+    /// From the receiver to the centre of the box.
+    #[inline]
+    pub fn center(&self) -> DVec3 {
+        0.5 * (self.low + self.high)
+    }
+
     /// Squared distance to the centre of the box.
     #[inline]
     pub fn center_distance_squared(&self) -> f64 {
-        (0.5 * (self.low + self.high)).length_squared()
+        self.center().length_squared()
     }
 
     /// Squared length of the box's diagonal.

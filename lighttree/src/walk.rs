@@ -20,6 +20,7 @@
 mod choice;
 mod many;
 mod pair;
+mod sphere;
 
 use core::ops::Range;
 

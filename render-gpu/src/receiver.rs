@@ -62,6 +62,16 @@ impl ReceiverRecord {
         })
     }
 
+    const fn scatter_lobes(&self) -> ScatterLobes {
+        ScatterLobes {
+            normal: Vec3::from_array(self.normal),
+            diffuse: self.diffuse,
+            axis: Vec3::from_array(self.axis),
+            peak: self.peak,
+            width_squared: self.width_squared,
+        }
+    }
+
     /// The lobe at cosine `cos` to its axis, relative to its peak.
     fn fall(&self, cos: f64) -> f64 {
         let width = f64::from(self.width_squared);
@@ -89,35 +99,12 @@ impl Receiver for ReceiverRecord {
         (bound as f32).next_up()
     }
 
-    /// As kernels have it, `receiver_scatter` in `shaders/receiver.wgsl`: the angle to the lobe is that to the box's bounding sphere.
+    /// As kernels have it, `receiver_scatter` in `shaders/receiver.wgsl`.
     fn scatter_importance(&self, toward: &Toward) -> f32 {
-        let cos = toward.rough_max_cos(Vec3::from(self.normal).as_dvec3());
-        if cos <= 0.0 {
-            return 0.0;
-        }
-        let lobe = if self.peak > 0.0 {
-            let cos_center = toward.center_cos(Vec3::from(self.axis).as_dvec3());
-            let squared = toward.center_distance_squared();
-            let sin_squared = 0.25 * toward.diagonal_squared() / squared;
-            let cos_sphere = (1.0 - sin_squared).max(0.0).sqrt();
-            let is_within = sin_squared.is_nan() || sin_squared >= 1.0 || cos_center >= cos_sphere;
-            let sin_center = (1.0 - cos_center * cos_center).max(0.0).sqrt();
-            let outside = cos_center * cos_sphere + sin_center * sin_squared.sqrt();
-            if is_within { 1.0 } else { self.fall(outside) }
-        } else {
-            0.0
-        };
-        let importance = f64::from(self.diffuse) * cos + f64::from(self.peak) * lobe;
-        (importance as f32).max(f32::MIN_POSITIVE)
+        self.scatter_lobes().importance(toward)
     }
 
     fn lobes(&self) -> Option<ScatterLobes> {
-        Some(ScatterLobes {
-            normal: self.normal.into(),
-            diffuse: self.diffuse,
-            axis: self.axis.into(),
-            peak: self.peak,
-            width_squared: self.width_squared,
-        })
+        Some(self.scatter_lobes())
     }
 }

@@ -78,6 +78,9 @@ const FARTHEST: f32 = 1e9;
 /// Rounding of a coordinate near 1, and then some.
 const ROUNDING: f32 = 1.0 / 2_097_152.0;
 
+/// The least |view + light|² that is told from others: rounding leaves four digits of that sum's square.
+const LEAST_SUM: f32 = 1e-8;
+
 /// The least that an oriented node counts for, relative to what it would be unoriented, while some of it may face the receiver.
 const LEAST_EMISSION: f32 = 1e-3;
 
@@ -263,8 +266,6 @@ struct Eye<'a> {
     /// No horizon.
     everywhere: bool,
     lobes: &'a ScatterLobes,
-    /// Direction to the viewer: the lobe's axis mirrored.
-    view: Vec3,
     /// What rounding may do to a height.
     margin: Vec4,
 }
@@ -278,7 +279,6 @@ impl<'a> Eye<'a> {
             normal_abs: splat(lobes.normal.abs()),
             everywhere: lobes.normal == Vec3::ZERO,
             lobes,
-            view: 2.0 * lobes.normal.dot(lobes.axis) * lobes.normal - lobes.axis,
             margin: Vec4::splat(ROUNDING * (1.0 + at.abs().max_element())),
         }
     }
@@ -286,15 +286,23 @@ impl<'a> Eye<'a> {
     /// sin² of the angle between the normal and the half vector of the directions to the centre and to the viewer, and |sum of both|², which
     /// says how far the half vector turns with the light. Around a grazing view a lobe is much narrower
     /// sideways than its width as seen from above, so the angle to its axis would not do.
+    ///
+    /// n × (view + light) is n × (light - axis), since the axis is the view mirrored: no difference of near numbers but those of directions, where
+    /// 1 - cos² would leave nothing of a narrow lobe.
     #[inline(always)]
     fn half_angle(&self, v: &[Vec4; 3], inverse: Vec4) -> (Vec4, Vec4) {
-        let along = |d: Vec3| (v[0] * d.x + v[1] * d.y + v[2] * d.z) * inverse;
+        let axis = self.lobes.axis;
+        let off = [v[0] * inverse - axis.x, v[1] * inverse - axis.y, v[2] * inverse - axis.z];
         if self.everywhere {
-            return (0.5 * (Vec4::ONE - along(self.lobes.axis)).max(Vec4::ZERO), Vec4::splat(4.0));
+            return (0.25 * dot(&off, &off), Vec4::splat(4.0));
         }
-        let squared = (2.0 * (Vec4::ONE + along(self.view))).max(Vec4::splat(1e-4));
-        let height = along(self.lobes.normal).clamp(Vec4::ZERO, Vec4::ONE) + self.lobes.normal.dot(self.view);
-        ((Vec4::ONE - height * height / squared).max(Vec4::ZERO), squared)
+        let n = &self.normal;
+        let aside =
+            [n[1] * off[2] - n[2] * off[1], n[2] * off[0] - n[0] * off[2], n[0] * off[1] - n[1] * off[0]];
+        let aside_squared = dot(&aside, &aside);
+        let height = (dot(v, n) * inverse).max(Vec4::ZERO) + self.lobes.normal.dot(axis);
+        let squared = (aside_squared + height * height).max(Vec4::splat(LEAST_SUM));
+        ((aside_squared / squared).min(Vec4::ONE), squared)
     }
 
     #[inline(always)]

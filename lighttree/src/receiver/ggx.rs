@@ -117,8 +117,11 @@ impl Receiver for GgxReceiver {
         lobes.usable()
     }
 
-    /// The narrow lobe as in the bound, the wide factors roughly.
+    /// That of the lobes; as the bound where numbers are out of their range, the wide factors roughly.
     fn scatter_importance(&self, toward: &Toward) -> f32 {
+        if let Some(lobes) = self.lobes() {
+            return lobes.importance(toward);
+        }
         let cos_light = toward.rough_max_cos(unit(self.normal));
         round_up(self.at_cosines(toward, cos_light, || toward.center_cos(unit(self.view))))
     }

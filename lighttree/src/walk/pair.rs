@@ -15,6 +15,7 @@
 
 use glam::{BVec4A, Vec3, Vec4};
 
+use super::sphere::Sphere;
 use crate::{LightBounds, Receiver, ScatterLobes};
 
 /// A receiver, prepared for walks.
@@ -88,14 +89,11 @@ pub(super) struct Siblings<'a> {
 
 /// A vector in each lane.
 #[derive(Clone, Copy, Debug)]
-struct Lanes {
-    x: Vec4,
-    y: Vec4,
-    z: Vec4,
+pub(super) struct Lanes {
+    pub(super) x: Vec4,
+    pub(super) y: Vec4,
+    pub(super) z: Vec4,
 }
-
-/// Share of a lobe's peak that a node which it may reach counts for at least.
-const LEAST_LOBE: f32 = 1.0 / 64.0;
 
 /// Relative error of a scaled height above a plane, and then some: five roundings.
 const HEIGHT_ERROR: f32 = 8.0 / 16_777_216.0;
@@ -247,18 +245,27 @@ fn of_lobes(a: &ScatterLobes, b: &ScatterLobes, f: impl Fn(&ScatterLobes) -> f32
 
 impl Lanes {
     #[inline]
-    fn with(self, other: Self, f: impl Fn(Vec4, Vec4) -> Vec4) -> Self {
+    pub(super) fn with(self, other: Self, f: impl Fn(Vec4, Vec4) -> Vec4) -> Self {
         Self { x: f(self.x, other.x), y: f(self.y, other.y), z: f(self.z, other.z) }
     }
 
     #[inline]
-    fn dot(self, v: Self) -> Vec4 {
+    pub(super) fn dot(self, v: Self) -> Vec4 {
         self.x * v.x + self.y * v.y + self.z * v.z
     }
 
     #[inline]
-    fn dot_self(self) -> Vec4 {
+    pub(super) fn dot_self(self) -> Vec4 {
         self.dot(self)
+    }
+
+    #[inline]
+    pub(super) fn cross(self, v: Self) -> Self {
+        Self {
+            x: self.y * v.z - self.z * v.y,
+            y: self.z * v.x - self.x * v.z,
+            z: self.x * v.y - self.y * v.x,
+        }
     }
 }
 
@@ -286,101 +293,5 @@ impl RoughCos {
             distance: Vec4::select(none, Vec4::ONE, distance),
             sure: sure | none,
         }
-    }
-}
-
-/// The bounding spheres of the boxes; all lengths are doubled.
-#[derive(Clone, Copy, Debug)]
-struct Sphere {
-    center: Lanes,
-    /// Squared distance to the centre.
-    squared: Vec4,
-    radius_squared: Vec4,
-}
-
-impl Sphere {
-    #[inline]
-    fn around(low: Lanes, high: Lanes) -> Self {
-        let center = low.with(high, |low, high| low + high);
-        let radius_squared = low.with(high, |low, high| high - low).dot_self();
-        Self { center, squared: center.dot_self(), radius_squared }
-    }
-
-    /// What each node emits towards the receiver relative to its peak, as a fraction; 0 only if it emits nothing.
-    #[inline]
-    fn emission(&self, axis: Lanes, cos: Vec4, cos_theta_e: Vec4, two_sided: BVec4A) -> (Vec4, Vec4) {
-        let along = -axis.dot(self.center);
-        let along = Vec4::select(two_sided, along.abs(), along);
-        let sin = ((Vec4::ONE - cos) * (Vec4::ONE + cos)).max(Vec4::ZERO).sqrt();
-
-        // cos max(0, θ - φ) and sin(θ - φ) for the angle θ with cosine `along` / distance and φ the sphere's own plus that of
-        // the cone: as fractions of `self.squared`.
-        let aside = (self.squared - along * along).max(Vec4::ZERO).sqrt();
-        let (cos_u, sin_u) =
-            ((self.squared - self.radius_squared).max(Vec4::ZERO).sqrt(), self.radius_squared.sqrt());
-        let (cos_phi, sin_phi) = (cos * cos_u - sin * sin_u, sin * cos_u + cos * sin_u);
-        let beyond = aside * cos_phi - along * sin_phi;
-        let outside = along * cos_phi + aside * sin_phi;
-        let within =
-            beyond.cmple(Vec4::ZERO) | sin_phi.cmplt(Vec4::ZERO) | self.radius_squared.cmpge(self.squared);
-
-        let everywhere = cos.cmple(Vec4::NEG_ONE) | two_sided & cos.cmple(Vec4::ZERO);
-        let full = within | everywhere;
-        // Square roots near 0 are wrong by up to 1e-3 each, as angles; what is wrong by rounding alone is less than 2e-6.
-        let sure = outside + 2e-3 * beyond.abs() + 2e-6 * self.squared;
-        let dead = sure.cmplt(cos_theta_e * self.squared);
-        let some = Vec4::select(dead, Vec4::ZERO, outside.max(1e-4 * self.squared));
-        (Vec4::select(full, Vec4::ONE, some), Vec4::select(full, Vec4::ONE, self.squared))
-    }
-
-    /// What a lobe gives in the mean over the directions to the sphere, about, relative to its peak.
-    ///
-    /// GGX falls with the angle β between the normal and the half vector of view and light: (w² / (w² + (1 - w²) sin² β))². Around a grazing view
-    /// that is much narrower sideways than the lobe is as seen from above, so the angle to the mirrored view will not do: it made nodes
-    /// beside the lobe count more than ten times what they give. A sphere that is seen under the angle u spreads β by u ÷ |view + light|; the lobe is
-    /// taken at the centre, wider by that and as much lower. Where the mean says little but the lobe may be reached ([`Self::fall`]), a share of its peak
-    /// stays: what is rarely drawn is bright.
-    #[inline]
-    fn lobe(&self, normal: Lanes, axis: Lanes, width_squared: Vec4) -> Vec4 {
-        // No nearer than half the diagonal / √2.
-        let squared = self.squared.max(0.5 * self.radius_squared).max(Vec4::splat(f32::MIN_POSITIVE));
-        let inverse = squared.sqrt().recip();
-        let none = normal.x.cmpeq(Vec4::ZERO) & normal.y.cmpeq(Vec4::ZERO) & normal.z.cmpeq(Vec4::ZERO);
-
-        // The view is the axis mirrored: its cosines to the light and to the normal.
-        let (to_axis, to_normal) = (self.center.dot(axis) * inverse, self.center.dot(normal) * inverse);
-        let cos_view = axis.dot(normal);
-        let to_view = 2.0 * cos_view * to_normal - to_axis;
-        let sum_squared = (2.0 * (Vec4::ONE + to_view)).max(Vec4::splat(1e-4));
-        let height = to_normal.clamp(Vec4::ZERO, Vec4::ONE) + cos_view;
-        let sin_squared = (Vec4::ONE - height * height / sum_squared).max(Vec4::ZERO);
-
-        // Without a normal it is a lobe around its axis alone, of half the angle.
-        let sin_squared =
-            Vec4::select(none, 0.5 * (Vec4::ONE - to_axis).clamp(Vec4::ZERO, Vec4::ONE), sin_squared);
-        let sum_squared = Vec4::select(none, Vec4::splat(4.0), sum_squared);
-        let spread = self.radius_squared * inverse * inverse / sum_squared;
-        let width = (width_squared + spread).min(Vec4::ONE);
-        let fall = width / (width + (Vec4::ONE - width) * sin_squared);
-        (width_squared / width * fall * fall).max(LEAST_LOBE * self.fall(axis, width_squared))
-    }
-
-    /// How far a lobe of squared width w² around `axis` has fallen at the direction of the sphere that is nearest to it, relative to
-    /// its peak: (w² / (w² + (1 - w²) sin²(ψ/2)))².
-    #[inline]
-    fn fall(&self, axis: Lanes, width_squared: Vec4) -> Vec4 {
-        // cos ψ = cos max(0, θ - u) as a fraction of `self.squared`; θ ≤ u if and only if cos² θ ≥ cos² u, on the axis' side.
-        let along = self.center.dot(axis);
-        let cos_u_squared = (self.squared - self.radius_squared).max(Vec4::ZERO);
-        let aside_squared = (self.squared - along * along).max(Vec4::ZERO);
-        let outside = along * cos_u_squared.sqrt() + (aside_squared * self.radius_squared).sqrt();
-        let within = self.radius_squared.cmpge(self.squared)
-            | along.cmpge(Vec4::ZERO) & (along * along).cmpge(cos_u_squared);
-        let short = Vec4::select(within, Vec4::ZERO, (self.squared - outside).max(Vec4::ZERO));
-        let wide = width_squared * self.squared;
-        // 0/0 where the sphere is a point at the receiver, which is within.
-        let fall = wide / (wide + 0.5 * (Vec4::ONE - width_squared) * short);
-        let fall = Vec4::select(within, Vec4::ONE, fall);
-        fall * fall
     }
 }

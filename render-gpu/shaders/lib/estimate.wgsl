@@ -48,8 +48,6 @@ struct Eye {
     at: vec3f,
     margin: f32,
     lobes: Lobes,
-    // Direction to the viewer: the lobe's axis mirrored.
-    view: vec3f,
     everywhere: bool,
     // Not so far away that only intensities are left.
     near: bool,
@@ -57,8 +55,7 @@ struct Eye {
 
 fn eye_of(at: vec3f, lobes: Lobes) -> Eye {
     let reach = max(abs(at.x), max(abs(at.y), abs(at.z)));
-    let view = 2.0 * dot(lobes.normal, lobes.axis) * lobes.normal - lobes.axis;
-    return Eye(at, ROUNDING * (1.0 + reach), lobes, view, all(lobes.normal == vec3f(0.0)), reach <= FARTHEST);
+    return Eye(at, ROUNDING * (1.0 + reach), lobes, all(lobes.normal == vec3f(0.0)), reach <= FARTHEST);
 }
 
 // Mean of the positive part of what is spread evenly between `h - e` and `h + e`, for `e` > 0.
@@ -89,13 +86,16 @@ fn node_weight(eye: Eye, node: NodeRecord) -> f32 {
     var scattered = min(above, 1.0) * eye.lobes.diffuse;
     if (eye.lobes.peak > 0.0) {
         // The lobe, spread over the directions to the box: as much lower as it is wider.
-        var half_sin_squared = 0.5 * max(1.0 - dot(v, eye.lobes.axis) * inverse, 0.0);
+        let off = v * inverse - eye.lobes.axis;
+        var half_sin_squared = 0.25 * dot(off, off);
         var scale = 4.0;
         var gate = 1.0;
         if (!eye.everywhere) {
-            scale = max(2.0 * (1.0 + dot(v, eye.view) * inverse), 1e-4);
-            let rise = clamp(dot(v, eye.lobes.normal) * inverse, 0.0, 1.0) + dot(eye.lobes.normal, eye.view);
-            half_sin_squared = max(1.0 - rise * rise / scale, 0.0);
+            let aside = cross(eye.lobes.normal, off);
+            let aside_squared = dot(aside, aside);
+            let rise = max(dot(v, eye.lobes.normal) * inverse, 0.0) + dot(eye.lobes.normal, eye.lobes.axis);
+            scale = max(aside_squared + rise * rise, LEAST_SUM);
+            half_sin_squared = min(aside_squared / scale, 1.0);
             gate = clamp((height + around) / (2.0 * around), 0.0, 1.0);
         }
         let own = eye.lobes.width_squared;

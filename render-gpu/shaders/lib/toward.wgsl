@@ -1,4 +1,4 @@
-// Twin of lighttree/src/walk/pair.rs: a box of lights as it is seen from a receiver, all lengths scaled by a power of two that makes the scene as
+// Twin of lighttree/src/walk/pair.rs and sphere.rs: a box of lights as it is seen from a receiver, all lengths scaled by a power of two that makes the scene as
 // seen from there about 1 across.
 //
 // Differs from it: where rounding decides, the CPU asks f64; here what might contribute counts as if it did.
@@ -90,6 +90,8 @@ fn toward_fall(box: Toward, axis: vec3f, width_squared: f32) -> f32 {
 
 // Share of a lobe's peak that a box which it may reach counts for at least.
 const LEAST_LOBE: f32 = 0.015625;
+// The least |view + light|² that is told from others.
+const LEAST_SUM: f32 = 1e-8;
 
 // What a GGX lobe of squared width w² gives in the mean over the directions to the box, about, relative to its peak: by the half vector of view and
 // light at the box's centre, wider by the angle under which its sphere is seen and as much lower. `axis` is the view mirrored at `normal`.
@@ -102,18 +104,17 @@ fn toward_lobe(box: Toward, normal: vec3f, axis: vec3f, width_squared: f32) -> f
     let squared = max(max(dot(center, center), 0.5 * radius_squared), 1.1754944e-38);
     let inverse = 1.0 / sqrt(squared);
 
-    let to_axis = dot(center, axis) * inverse;
     // Without a normal it is a lobe around its axis alone, of half the angle.
-    var sin_squared = 0.5 * clamp(1.0 - to_axis, 0.0, 1.0);
+    let off = center * inverse - axis;
+    var sin_squared = 0.25 * dot(off, off);
     var sum_squared = 4.0;
     if (any(normal != vec3f(0.0))) {
-        // The view is the axis mirrored: its cosines to the light and to the normal.
-        let to_normal = dot(center, normal) * inverse;
-        let cos_view = dot(axis, normal);
-        let to_view = 2.0 * cos_view * to_normal - to_axis;
-        sum_squared = max(2.0 * (1.0 + to_view), 1e-4);
-        let height = clamp(to_normal, 0.0, 1.0) + cos_view;
-        sin_squared = max(1.0 - height * height / sum_squared, 0.0);
+        // n × (view + light) is n × (light - axis), since the axis is the view mirrored. 1 - cos² would leave nothing of a narrow lobe.
+        let aside = cross(normal, off);
+        let aside_squared = dot(aside, aside);
+        let height = max(dot(center, normal) * inverse, 0.0) + dot(axis, normal);
+        sum_squared = max(aside_squared + height * height, LEAST_SUM);
+        sin_squared = min(aside_squared / sum_squared, 1.0);
     }
     let width = min(width_squared + radius_squared * inverse * inverse / sum_squared, 1.0);
     let fall = width / (width + (1.0 - width) * sin_squared);

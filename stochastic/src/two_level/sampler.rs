@@ -129,19 +129,7 @@ impl Receiver for MeshReceiver {
     }
 
     fn scatter_importance(&self, toward: &Toward) -> f32 {
-        let ScatterLobes { normal, diffuse, axis, peak, width_squared } = self.lobes;
-        let cos = toward.rough_max_cos(normal.as_dvec3());
-        if cos <= 0.0 {
-            return 0.0;
-        }
-        let mut scattered = f64::from(diffuse) * cos;
-        if peak > 0.0 {
-            let w = f64::from(width_squared);
-            let half_sin_squared = 0.5 * (1.0 - toward.max_cos_f64(axis.as_dvec3()));
-            scattered += f64::from(peak) * (w / (w + (1.0 - w) * half_sin_squared)).powi(2);
-        }
-        // The smallest positive cosine must stay positive in f32.
-        (scattered as f32).max(f32::MIN_POSITIVE)
+        self.lobes.importance(toward)
     }
 
     fn lobes(&self) -> Option<ScatterLobes> {

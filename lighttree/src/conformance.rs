@@ -4,6 +4,8 @@
 //! Each returns `Err` with a sentence for a person to read, or `Ok` with what was measured. An implementation
 //! calls those that concern it from its own tests, in one line each.
 
+pub mod fixtures;
+
 use crate::oracle::{Distribution, sum};
 use crate::rng::{Decisions, Random};
 use crate::{

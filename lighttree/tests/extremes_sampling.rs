@@ -2,9 +2,10 @@
 
 mod common;
 
-use common::{decisions, floor_receiver, point_contribution, scattered, trees};
+use common::{decisions, trees};
 use glam::Vec3;
 use lighttree::conformance::chi_squared_p_value;
+use lighttree::conformance::fixtures::{floor_receiver, point_contribution, scattered};
 use lighttree::oracle::Distribution;
 use lighttree::rng::{Decisions, Random, probability, quantized};
 use lighttree::strategies::{self, Placement};

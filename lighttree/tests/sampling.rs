@@ -2,8 +2,9 @@
 
 mod common;
 
-use common::{decisions, floor_receiver, point_contribution, scattered, trees};
+use common::{decisions, trees};
 use glam::Vec3;
+use lighttree::conformance::fixtures::{floor_receiver, point_contribution, scattered};
 use lighttree::conformance::{
     Failure, SamplerCheck, check_batch, check_bound, check_far_away, check_hierarchy, check_sampler,
 };

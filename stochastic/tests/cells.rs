@@ -1,9 +1,7 @@
 //! What must hold of cuts of cells, for receivers anywhere.
 
-mod common;
-
-use common::{floor_receiver, point_contribution, scattered};
 use glam::Vec3;
+use lighttree::conformance::fixtures::{floor_receiver, point_contribution, scattered};
 use lighttree::conformance::{SamplerCheck, check_sampler};
 use lighttree::rng::{Decisions, Random};
 use lighttree::{BuildParams, LightBounds, LightId, LightSampler, LightTree, Receiver, TreeSampler};

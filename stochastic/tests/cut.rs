@@ -2,8 +2,9 @@
 
 mod common;
 
-use common::{builders, floor_receiver, point_contribution, scattered};
+use common::builders;
 use glam::Vec3;
+use lighttree::conformance::fixtures::{floor_receiver, point_contribution, scattered};
 use lighttree::conformance::{SamplerCheck, check_sampler, chi_squared_p_value};
 use lighttree::oracle::Distribution;
 use lighttree::rng::{Decisions, Random};

@@ -1,9 +1,7 @@
 //! What must hold of distributions over shared cuts, of what is learned about them, and of resampled walks.
 
-mod common;
-
-use common::{floor_receiver, point_contribution, scattered};
 use glam::Vec3;
+use lighttree::conformance::fixtures::{floor_receiver, point_contribution, scattered};
 use lighttree::conformance::{SamplerCheck, check_sampler};
 use lighttree::rng::{Decisions, Random, pcg4d};
 use lighttree::strategies::{self, AnyReceiver};

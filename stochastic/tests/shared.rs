@@ -1,9 +1,7 @@
 //! What must hold of blocks, their representatives, guards and interleaving.
 
-mod common;
-
-use common::{floor_receiver, point_contribution, scattered};
 use glam::Vec3;
+use lighttree::conformance::fixtures::{floor_receiver, point_contribution, scattered};
 use lighttree::rng::{Decisions, Random};
 use lighttree::{BuildParams, LightId, LightTree};
 use proptest::prelude::*;

@@ -2,8 +2,9 @@
 
 mod common;
 
-use common::{builders, floor_receiver, point_contribution, scattered};
+use common::builders;
 use glam::Vec3;
+use lighttree::conformance::fixtures::{floor_receiver, point_contribution, scattered};
 use lighttree::conformance::{SamplerCheck, check_sampler};
 use lighttree::oracle::Distribution;
 use lighttree::rng::{Decisions, Random};

@@ -270,6 +270,12 @@ impl<'a, T: LightHierarchy> SharedCutMethod<'a, T> {
     }
 }
 
+/// The frame of interleaving that a picture begins with.
+pub(super) fn first_turn(light_seed: u32) -> u32 {
+    let [turn, ..] = pcg4d([light_seed, Purpose::Blocks.salt(), 0, 0]);
+    turn
+}
+
 /// Reused from unit to unit.
 #[derive(Default)]
 pub(crate) struct SharedCutScratch {
@@ -375,10 +381,9 @@ impl<T: LightHierarchy> SharedCutMethod<'_, T> {
             }
         };
 
-        // Whose turn it is goes on with every camera sample; where it begins depends on the seed.
-        let [turn, ..] = pcg4d([self.frame.light_seed, Purpose::Blocks.salt(), 0, 0]);
+        // Whose turn it is goes on with every camera sample.
         let (x, y) = self.grid.place(point.pixel);
-        let part = self.interleave.part(x, y, point.sample.wrapping_add(turn));
+        let part = self.interleave.part(x, y, point.sample.wrapping_add(first_turn(self.frame.light_seed)));
         let share = self.interleave.share(part, nodes.len() as u64 * u64::from(self.per_node));
         let subtrees = self.sampler.subtrees(nodes);
         batch.plan(point, seed, |index, random, walks| {

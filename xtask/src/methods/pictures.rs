@@ -2,6 +2,7 @@
 //! number of threads, and a part of a picture as in the whole.
 
 use scene::{RenderParams, Rendered, SceneRays, builtin};
+use stochastic::Interleave;
 
 use super::{Learned, Method};
 use crate::settings::Settings;
@@ -68,9 +69,16 @@ const DRAWN: [(&str, &[&str]); 15] = [
     ("shared-cut", &["k=64"]),
     ("shared-cut", &["k=16", "guard=on", "choice=yuksel"]),
     ("shared-cut", &["m=2", "lights=2"]),
-    ("shared-cut", &["m=4", "lights=4", "nodes=5"]),
+    ("shared-cut", &["m=4", "lights=1", "nodes=5"]),
     ("shared-cut", &["m=8", "lights=1", "nodes=40", "guard=on"]),
 ];
+
+/// Camera samples in which a pixel sees the whole of a cut: m². A single one of them shows a part, and which part depends on the seed: right in the mean,
+/// but where one light of a cut does all, two dozen pictures see it in one frame or in none.
+fn turn(dials: &[&str]) -> u32 {
+    let side = dials.iter().find_map(|dial| dial.strip_prefix("m=")).map_or(1, |m| m.parse().unwrap());
+    side * side
+}
 
 /// Both methods see the same points for one seed, so that only the choice of lights differs.
 #[test]
@@ -78,17 +86,39 @@ fn no_block_of_pixels_is_biased() {
     const SEEDS: u32 = 24;
     for scene in ["hall:60", "city:30"] {
         let set = Set::new(scene);
-        // Every light, and the same points on it: what remains is the noise of choosing.
-        let exact: Vec<_> =
-            (0..SEEDS).map(|seed| blocks(&set.picture("brute", &[], seed, &params(1)))).collect();
-        // A turn of m = 8 has 64 frames: of fewer, a highlight on a few pixels may be in none.
-        for (method, dials) in DRAWN.into_iter().filter(|(_, dials)| !dials.contains(&"m=8")) {
-            let drawn: Vec<_> =
-                (0..SEEDS).map(|seed| blocks(&set.picture(method, dials, seed, &params(1)))).collect();
-            if let Some(found) = bias(&drawn, &exact) {
-                panic!("{scene}, {method} {dials:?}, {found}");
+        for turn in [1, 4, 16, 64] {
+            // Whole turns, of fewer pixels.
+            let pixels = (SIZE.0 * SIZE.1 / u32::max(turn / 4, 1)) as usize;
+            let part = RenderParams { pixels: Some(pixels), ..params(turn) };
+            let pictures = |method: &str, dials: &[&str]| -> Vec<_> {
+                (0..SEEDS).map(|seed| blocks(&set.picture(method, dials, seed, &part))).collect()
+            };
+            // Every light, and the same points on it: what remains is the noise of choosing.
+            let exact = pictures("brute", &[]);
+            for (method, dials) in DRAWN.into_iter().filter(|(_, dials)| self::turn(dials) == turn) {
+                if let Some(found) = bias(&pictures(method, dials), &exact) {
+                    panic!("{scene}, {method} {dials:?}, {found}");
+                }
             }
         }
+    }
+}
+
+/// Where a turn begins depends on the seed, evenly: so one frame of interleaved parts is right in the mean over seeds.
+#[test]
+fn a_single_frame_takes_each_part_as_often() {
+    const SEEDS: u32 = 4096;
+    for side in [2, 8] {
+        let mut counts = vec![0; (side * side) as usize];
+        for seed in 0..SEEDS {
+            let part = Interleave::new(side).part(5, 3, super::cut::first_turn(seed));
+            counts[part as usize] += 1;
+        }
+        let even = f64::from(SEEDS) / counts.len() as f64;
+        assert!(
+            counts.iter().all(|&count| (f64::from(count) - even).abs() < 5.0 * even.sqrt()),
+            "{counts:?}"
+        );
     }
 }
 

@@ -2,9 +2,12 @@
 //!
 //! Four kinds of edit in three scenes, as in the paper's section 6: the error of what a camera sees, relative to its error before the first update, against
 //! lights accumulated. The view is what a camera sees of the scene before the edit. Clusters by invalid flux, clusters first in, first out, and a bake from scratch. A line for each, and the curves as SVG into
-//! the folder named after `--svg`. `--quick` runs a small one.
+//! the folder named after `--svg`. `--quick` runs a small one; `--blind` says nothing of what is looked at, `--why` what became of lights and how few changes would do,
+//! `--points` where the curves are, `--least 0.5` sets the least share of validation.
 
 mod common;
+#[path = "common/spending.rs"]
+mod spending;
 
 use std::fmt::Write as _;
 
@@ -19,6 +22,20 @@ const EDITS: [&str; 4] = ["lamp moved", "crate moved", "floor painted", "partiti
 /// How deep the partition waits.
 const BELOW: f32 = 100.0;
 
+/// Name, size, paths, clusters, and pixels of the view.
+type Run = (&'static str, usize, u32, usize, (u32, u32));
+
+/// What was asked for.
+#[derive(Clone, Copy)]
+struct Options {
+    /// Say where accumulations go.
+    why: bool,
+    /// Nobody says what is looked at.
+    blind: bool,
+    /// The least share of validation.
+    least: f64,
+}
+
 /// Error over initial error after so many accumulations.
 type Curve = Vec<(f64, f64)>;
 
@@ -29,6 +46,8 @@ struct Case {
     /// Lights of a bake from scratch.
     from_scratch: usize,
     updates: u64,
+    /// Where accumulations go, if asked.
+    spent: String,
 }
 
 fn edit(name: &str, host: &mut Host, baker: &mut Baker) {
@@ -52,23 +71,43 @@ fn edit(name: &str, host: &mut Host, baker: &mut Baker) {
     }
 }
 
-fn measure(name: &'static str, lights: usize, paths: u32, clusters: usize, size: (u32, u32)) -> Vec<Case> {
+fn measure((name, lights, paths, clusters, size): Run, options: Options) -> Vec<Case> {
     let mut scene = stage(name, lights);
-    let mut start = baker(&scene, paths, clusters, |params| params);
+    let mut start = baker(&scene, paths, clusters, |params| bake::BakeParams {
+        least_validation: options.least,
+        ..params
+    });
     let wall = scene.instances.len() - 1;
     scene.instances[wall].to_world.translation.y -= BELOW;
     let host = Host::new(scene);
     let budget = StepBudget { paths: 4096, accumulations: 1 };
     let mut view = View::new(host.now(), size);
     finish(&mut start, &host, &mut view, budget, |_| {});
-    EDITS.iter().map(|edit| case(edit, &start, &host, &view, budget)).collect()
+    if options.why {
+        print!("{name}\n{}", spending::borders(&start.contributions().cloned().collect::<Vec<_>>()));
+    }
+    EDITS.iter().map(|edit| case(edit, &start, &host, &view, budget, options)).collect()
 }
 
-fn case(name: &'static str, start: &Baker, before: &Host, seen: &View, budget: StepBudget) -> Case {
-    let run = |order: UpdateOrder| -> (Curve, Baker) {
+fn case(
+    name: &'static str,
+    start: &Baker,
+    before: &Host,
+    seen: &View,
+    budget: StepBudget,
+    options: Options,
+) -> Case {
+    let run = |order: UpdateOrder| -> (Curve, Baker, Host) {
         let mut host = Host { versions: before.versions.clone(), current: before.current };
         let mut baker = start.clone();
         baker.set_order(order);
+        if !options.blind {
+            // Every ninth pixel says where the viewer looks.
+            let points: Vec<_> = seen.points.iter().step_by(9).copied().collect();
+            baker.watch(&points).unwrap();
+            // One look at what is baked, before it changes.
+            baker.step(StepBudget { paths: 0, accumulations: 0 }, &host.trace(), &mut |_| {});
+        }
         edit(name, &mut host, &mut baker);
         let mut view = View { accumulations: 0, ..seen.clone() };
         // What is right is known in the end.
@@ -79,14 +118,20 @@ fn case(name: &'static str, start: &Baker, before: &Host, seen: &View, budget: S
         let truth = states.last().unwrap().1.clone();
         let initial = rms(&states[0].1, &truth);
         let relative = |(at, sums): &(usize, Vec<f32>)| (*at as f64, rms(sums, &truth) / initial);
-        (states.iter().map(relative).collect(), baker)
+        (states.iter().map(relative).collect(), baker, host)
     };
-    let (by_flux, done) = run(UpdateOrder::InvalidFlux);
-    let (in_order, _) = run(UpdateOrder::FirstInFirstOut);
+    let (by_flux, done, host) = run(UpdateOrder::InvalidFlux);
+    let (in_order, ..) = run(UpdateOrder::FirstInFirstOut);
     let (from, to) = (start.stats(), done.stats());
     let updates =
         to.validation_updates + to.balancing_updates - from.validation_updates - from.balancing_updates;
-    Case { edit: name, by_flux, in_order, from_scratch: done.contributions().count(), updates }
+    let lights = |baker: &Baker| baker.contributions().cloned().collect::<Vec<_>>();
+    let spent = if options.why {
+        spending::spending(&lights(start), &lights(&done), &host, seen)
+    } else {
+        String::new()
+    };
+    Case { edit: name, by_flux, in_order, from_scratch: done.contributions().count(), updates, spent }
 }
 
 fn narrowed(sums: &[f64]) -> Vec<f32> {
@@ -110,12 +155,12 @@ fn area(curve: &Curve, end: f64) -> f64 {
     curve.windows(2).map(step).sum()
 }
 
-/// Name, size, paths, clusters, and pixels of the view.
-type Run = (&'static str, usize, u32, usize, (u32, u32));
-
 fn main() {
     let args: Vec<String> = std::env::args().collect();
     let quick = args.iter().any(|arg| arg == "--quick" || arg == "--test");
+    let least = args.iter().position(|arg| arg == "--least").and_then(|i| args.get(i + 1)?.parse().ok());
+    let asked = |name: &str| args.iter().any(|arg| arg == name);
+    let options = Options { why: asked("--why"), blind: asked("--blind"), least: least.unwrap_or(0.5) };
     let svg = args.iter().position(|arg| arg == "--svg").and_then(|i| args.get(i + 1));
     let scenes: &[Run] = if quick {
         &[("warehouse", 24, 4000, 80, (24, 14))]
@@ -131,7 +176,7 @@ fn main() {
         "scene", "edit", "to 10 %", "fifo 10 %", "scratch", "scratch/x", "area x", "all", "per update"
     );
     for &(name, lights, paths, clusters, size) in scenes {
-        let cases = measure(name, lights, paths, clusters, size);
+        let cases = measure((name, lights, paths, clusters, size), options);
         for case in &cases {
             let end = case.by_flux.last().unwrap().0.max(case.in_order.last().unwrap().0);
             let all = case.by_flux.last().unwrap().0;
@@ -142,6 +187,7 @@ fn main() {
             write!(line, "{ours:>9}{fifo:>11}{scratch:>9}{:>11.1}", scratch / ours).unwrap();
             write!(line, "{ratio:>8.2}{all:>10}{:>10.2}", all / case.updates.max(1) as f64).unwrap();
             println!("{line}");
+            print!("{}", case.spent);
             if args.iter().any(|arg| arg == "--points") {
                 for curve in [&case.by_flux, &case.in_order] {
                     let at = |share: f64| curve.iter().take_while(|p| p.0 <= share * end).last().unwrap().1;

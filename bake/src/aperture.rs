@@ -14,7 +14,7 @@ use crate::{Aperture, Light, Polygon, Profile, Shape, hull::convex_hull};
 /// A piece with less than this share of its light's flux is not split,
 const SMALLEST: f64 = 1.0 / 256.0;
 /// nor is one with fewer paths than this: nothing would be known of its parts, and a thousand small lamps would take more memory than their light.
-const FEWEST_PATHS: f64 = 16.0;
+const FEWEST_PATHS: f64 = 64.0;
 
 /// A node of the tree.
 #[derive(Clone, Debug)]
@@ -227,6 +227,12 @@ impl ApertureTree {
     }
 
     /// Whether it has the same pieces, wherever they are.
+    /// Bytes of the tree.
+    pub(crate) fn bytes(&self) -> usize {
+        let facets: usize = self.facets.iter().map(|facets| size_of_val(&**facets)).sum();
+        size_of_val(&*self.pieces) + size_of_val(&*self.leaves) + size_of_val(&*self.facets) + facets
+    }
+
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let alike = |(a, b): (&Piece, &Piece)| a.children == b.children && a.share == b.share;
         self.pieces.len() == other.pieces.len() && self.pieces.iter().zip(&other.pieces).all(alike)

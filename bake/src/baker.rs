@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 
 use crate::aperture::{ApertureTree, Stage};
+use crate::attention::{Attention, Invalid};
 use crate::cut::{Cut, Saved};
-use crate::forest::{Forest, OCTREE, Place};
+use crate::forest::{Forest, Node, OCTREE, Place};
 use crate::paths::Paths;
 use crate::schedule::Turns;
 use crate::sums::{GRID, Units};
@@ -37,6 +38,7 @@ pub struct Baker {
     /// The edit that each object changed at last.
     pub(crate) objects: Vec<u32>,
     pub(crate) turns: Turns,
+    pub(crate) attention: Attention,
     /// All paths were traced once.
     pub(crate) primed: bool,
     /// What a saved bake said, until paths are traced and it can be given to its clusters.
@@ -121,6 +123,7 @@ impl Baker {
             log: EditLog::default(),
             objects: Vec::new(),
             turns: Turns::default(),
+            attention: Attention::default(),
             primed: false,
             restored: Vec::new(),
             stats: BakeStats::default(),
@@ -186,9 +189,12 @@ impl Baker {
         self.forest.outside
     }
 
-    /// Bytes of paths and clusters; what is baked comes on top, some 250 bytes for each contribution.
+    /// Bytes of paths, clusters and lamps' trees; what is baked comes on top, some 350 bytes for each contribution.
     pub fn bytes(&self) -> usize {
-        self.paths.bytes() + self.forest.bytes()
+        let lamps = self.lights.values().map(|lamp| {
+            size_of::<Lamp>() + lamp.tree.bytes() + size_of_val(&*lamp.nodes) + lamp.known.capacity() * 4
+        });
+        self.paths.bytes() + self.forest.bytes() + lamps.sum::<usize>()
     }
 
     /// Gives what was loaded to its clusters.
@@ -212,13 +218,19 @@ impl Baker {
                 lights.get(&light).map_or(0.0, |lamp| lamp.metric(node, piece, units.length))
             }
         });
-        self.cut.refresh(&self.forest, &stale);
+        let lamp = |node: &Node| match node.place {
+            Place::Cell { .. } => None,
+            Place::Piece { light, .. } => lights.get(&light),
+        };
+        let attention = &self.attention;
+        let worth = |node: &Node, invalid: &Invalid<'_>| attention.worth(node, invalid, &units, lamp(node));
+        self.cut.refresh(&self.forest, &stale, worth);
     }
 }
 
 impl Lamp {
     /// B of a piece: as of a cell, with what its aperture and profile say in place of its members.
-    fn metric(&self, node: &crate::forest::Node, piece: u32, length: f64) -> f64 {
+    fn metric(&self, node: &Node, piece: u32, length: f64) -> f64 {
         use crate::{Aperture, Shape};
         let piece = &self.tree.pieces[piece as usize];
         let is_surface = !matches!(piece.shape, Shape::Point { .. } | Shape::Sphere { .. });

@@ -13,6 +13,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::attention::{Invalid, Views};
 use crate::forest::{Forest, Goodbye, NONE, Node, Place};
 use crate::{Contribution, UpdateOrder};
 
@@ -54,6 +55,8 @@ pub(crate) struct State {
     pub(crate) refined: bool,
     /// What of it, or of what it replaced, is in the baked light.
     pub(crate) baked: Vec<Contribution>,
+    /// What is seen of that, if anybody looks.
+    pub(crate) views: Option<Box<Views>>,
     /// Flux when it was baked, in units; 0 before.
     flux_at_bake: i64,
     /// Flux of paths that left its members for other receivers since it was baked, in units.
@@ -63,6 +66,8 @@ pub(crate) struct State {
     is_touched: bool,
     rank: Option<Rank>,
     urgency: Option<Urgency>,
+    /// How much an update changes, and of how much.
+    worth: (f64, f64),
     /// When it became pending.
     since: i64,
 }
@@ -133,6 +138,11 @@ impl Cut {
 
     pub(crate) fn set_order(&mut self, order: UpdateOrder) {
         self.order = order;
+        self.touch_all();
+    }
+
+    /// What every state is worth has to be found anew.
+    pub(crate) fn touch_all(&mut self) {
         for index in 0..self.states.len() as u32 {
             self.touch(index);
         }
@@ -190,6 +200,12 @@ impl Cut {
         }
     }
 
+    /// Others look now, or nobody.
+    pub(crate) fn forget_views(&mut self) {
+        self.states.iter_mut().for_each(|state| state.views = None);
+        self.touch_all();
+    }
+
     /// Takes a state out of all lists.
     fn unlist(&mut self, index: u32) {
         let state = &mut self.states[index as usize];
@@ -202,8 +218,14 @@ impl Cut {
         }
     }
 
-    /// Brings ranks and urgencies up to date after changes to the trees: `stale` are nodes whose importance may have changed.
-    pub(crate) fn refresh(&mut self, forest: &Forest, stale: &[u32]) {
+    /// Brings ranks and urgencies up to date after changes to the trees: `stale` are nodes whose importance may have changed, `worth` says how much
+    /// what is invalid of a node matters.
+    pub(crate) fn refresh(
+        &mut self,
+        forest: &Forest,
+        stale: &[u32],
+        worth: impl Fn(&Node, &Invalid<'_>) -> (f64, f64),
+    ) {
         for &node in stale {
             let state = forest.nodes[node as usize].state;
             if state != NONE {
@@ -213,19 +235,18 @@ impl Cut {
         for index in core::mem::take(&mut self.touched) {
             self.states[index as usize].is_touched = false;
             if self.states[index as usize].node != NONE {
-                self.list(forest, index);
+                self.list(forest, index, &worth);
             }
         }
     }
 
-    fn list(&mut self, forest: &Forest, index: u32) {
+    fn list(&mut self, forest: &Forest, index: u32, worth: &impl Fn(&Node, &Invalid<'_>) -> (f64, f64)) {
         self.unlist(index);
         let state = &self.states[index as usize];
         let node = &forest.nodes[state.node as usize];
         let rank = Rank::of(node);
         let (refined, pending) = (state.refined, state.is_pending);
-        let urgency = self.urgency(forest, index);
-        let state = &mut self.states[index as usize];
+        let state = &self.states[index as usize];
         if refined {
             let state_of = |child: u32| forest.nodes[child as usize].state;
             let flat =
@@ -236,22 +257,39 @@ impl Cut {
             }
             return;
         }
+        let (worth, urgency) = if pending {
+            let worth = self.worth(node, index, worth);
+            (worth, Some(self.urgency(node, index, worth.0)))
+        } else {
+            ((0.0, 0.0), None)
+        };
+        let state = &mut self.states[index as usize];
+        state.worth = worth;
         if !forest.is_leaf(state.node) {
             state.rank = Some(rank);
             self.refinable.insert((rank, index));
         }
-        if pending {
+        if let Some(urgency) = urgency {
             state.urgency = Some(urgency);
             self.queue.insert((urgency, index));
         }
     }
 
-    fn urgency(&self, forest: &Forest, index: u32) -> Urgency {
+    fn worth(
+        &self,
+        node: &Node,
+        index: u32,
+        worth: &impl Fn(&Node, &Invalid<'_>) -> (f64, f64),
+    ) -> (f64, f64) {
+        let State { flux_at_bake, absolute, ref views, .. } = self.states[index as usize];
+        worth(node, &Invalid { flux_at_bake, absolute, views: views.as_deref() })
+    }
+
+    fn urgency(&self, node: &Node, index: u32, worth: f64) -> Urgency {
         let state = &self.states[index as usize];
-        let node = &forest.nodes[state.node as usize];
         let invalid = match self.order {
-            // Its lights are subtracted and, about as many, added.
-            UpdateOrder::InvalidFlux => self.invalid_flux(forest, index) / (1 + state.baked.len() as i64),
+            // Numbers that are not negative order as their bits do.
+            UpdateOrder::InvalidFlux => (worth / self.cost(index) as f64).to_bits() as i64,
             UpdateOrder::FirstInFirstOut => -state.since,
         };
         Urgency { invalid, flux: node.sums.flux.max(state.flux_at_bake), place: node.place }
@@ -264,17 +302,31 @@ impl Cut {
         (flux - state.flux_at_bake).abs().saturating_add(state.absolute)
     }
 
-    /// What to validate next, with `Φ_inv` and Φ of it in units of flux.
-    pub(crate) fn next_validation(&self, forest: &Forest) -> Option<(Pending, i64, i64)> {
-        let orphans = self.orphans.last_key_value().map(|(&key, _)| (Pending::Orphans(key), key.0, key.0));
-        let state = self.queue.last().map(|&(urgency, index)| {
-            (Pending::State(index), urgency.invalid, self.invalid_flux(forest, index), urgency.flux)
-        });
+    /// What to validate next, how much of it is invalid, and of how much: `Φ_inv` and Φ, or what is seen of them.
+    pub(crate) fn next_validation(&self, forest: &Forest) -> Option<(Pending, f64, f64)> {
+        let orphans = self.orphans.last_key_value().map(|(&key, lights)| (key, lights.len()));
+        let state = self.queue.last().map(|&(_, index)| index);
         match (orphans, state) {
-            (Some(orphans), Some((_, urgency, ..))) if orphans.1 >= urgency => Some(orphans),
-            (orphans, None) => orphans,
-            (_, Some((pending, _, invalid, flux))) => Some((pending, invalid, flux)),
+            (None, None) => None,
+            (Some((key, lights)), state)
+                if state.is_none_or(|index| {
+                    // Where they were, nobody knows any more: they are weighed by flux alone.
+                    let others = self.invalid_flux(forest, index) / self.cost(index);
+                    self.order == UpdateOrder::FirstInFirstOut || key.0 / lights as i64 >= others
+                }) =>
+            {
+                Some((Pending::Orphans(key), 1.0, 1.0))
+            }
+            (_, state) => state.map(|index| {
+                let (invalid, of) = self.states[index as usize].worth;
+                (Pending::State(index), invalid, of)
+            }),
         }
+    }
+
+    /// About how many lights the update of a state takes: its lights are subtracted and, mostly in the same pass, others added.
+    fn cost(&self, index: u32) -> i64 {
+        self.states[index as usize].baked.len().max(1) as i64
     }
 
     /// The next step of Algorithm 1; `None` where the cut is balanced.
@@ -336,9 +388,16 @@ impl Cut {
     }
 
     /// The state is up to date with these contributions.
-    pub(crate) fn set_baked(&mut self, forest: &Forest, index: u32, baked: Vec<Contribution>) {
+    pub(crate) fn set_baked(
+        &mut self,
+        forest: &Forest,
+        index: u32,
+        baked: Vec<Contribution>,
+        views: Option<Box<Views>>,
+    ) {
         let state = &mut self.states[index as usize];
         state.baked = baked;
+        state.views = views;
         state.flux_at_bake = forest.nodes[state.node as usize].sums.flux;
         state.absolute = 0;
         state.is_pending = false;
@@ -437,6 +496,7 @@ impl Goodbye for Cut {
         let state = &mut self.states[index as usize];
         if state.refined {
             state.refined = false;
+            state.views = None;
             state.baked = baked;
             state.flux_at_bake = flux_at_bake;
             state.absolute = absolute;

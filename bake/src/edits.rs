@@ -85,6 +85,7 @@ impl Baker {
             self.mark_object(change.object);
             for bounds in change.before.iter().chain(&change.after) {
                 self.log.push(self.edit, *bounds);
+                self.attention.log(self.version, *bounds);
             }
         }
         for lamp in self.lights.values_mut() {

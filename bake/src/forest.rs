@@ -435,9 +435,21 @@ impl Forest {
         stale
     }
 
+    /// Gives back what growing ahead took, once no more comes for a while.
+    pub(crate) fn trim(&mut self) {
+        trim(&mut self.nodes);
+        trim(&mut self.families);
+        trim(&mut self.free_nodes);
+        trim(&mut self.free_families);
+        trim(&mut self.stale);
+    }
+
     /// Bytes that the trees take.
     pub(crate) fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<Node>() + self.families.capacity() * size_of::<[u32; 8]>()
+        let lists = [&self.free_nodes, &self.free_families, &self.stale].map(Vec::capacity);
+        self.nodes.capacity() * size_of::<Node>()
+            + self.families.capacity() * size_of::<[u32; 8]>()
+            + lists.iter().sum::<usize>() * size_of::<u32>()
     }
 }
 
@@ -445,6 +457,13 @@ impl Forest {
 fn grow<T>(vec: &mut Vec<T>) {
     if vec.len() == vec.capacity() {
         vec.reserve_exact(vec.len() / 16 + 256);
+    }
+}
+
+/// Room for few more than there are.
+fn trim<T>(vec: &mut Vec<T>) {
+    if vec.capacity() - vec.len() > vec.len() / 128 + 64 {
+        vec.shrink_to_fit();
     }
 }
 

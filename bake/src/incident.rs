@@ -4,7 +4,7 @@ use core::f32::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{Quat, Vec3};
 
-use crate::{Polygon, Profile, Shape, VirtualLight};
+use crate::{Places, Polygon, Profile, Shape, VirtualLight};
 
 /// Light that arrives at a receiver where nothing is in its way.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,8 +36,8 @@ impl VirtualLight {
     /// shadow ray goes to; make them from [`seed`](Self::seed) and the receiver's index, so that subtracting repeats what adding did.
     ///
     /// Visibility 0 or 1 of the target times the result estimates the light without bias for points, spheres and the sky, and for polygons that are more than 5 radii
-    /// away; a nearer polygon's irradiance is exact, and its visibility the mean over its area rather than over its irradiance. A disk's near field is that of
-    /// its axis, and its visibility its centre's.
+    /// away; a nearer polygon's irradiance is exact, and its visibility the mean over its area (a patch's: its places) rather than over its irradiance. A
+    /// disk's near field is that of its axis, and its visibility its centre's.
     pub fn incident(&self, position: Vec3, normal: Vec3, u: [f32; 2]) -> Option<Incident> {
         match &self.shape {
             Shape::Point { position: light, profile, frame } => {
@@ -56,7 +56,18 @@ impl VirtualLight {
                 let fluence = self.flux * ((FRAC_1_PI * cos_light) * (1.0 / widened) as f32);
                 incident(Target::At(*center), direction, fluence, normal, cos_light > 0.0)
             }
-            Shape::Polygon(polygon) => self.of_polygon(position, normal, polygon, u),
+            Shape::Polygon(polygon) => {
+                let above = || {
+                    let point = polygon.point(u);
+                    let is_above = normal.dot(point - position) > 0.0;
+                    if is_above { point } else { point_above(polygon, position, normal, u) }
+                };
+                self.of_polygon(position, normal, polygon, polygon.point(u), above)
+            }
+            Shape::Patch { polygon, places } => {
+                let place = places.point(u[0]);
+                self.of_polygon(position, normal, polygon, place, || place_above(places, position, normal, u))
+            }
             Shape::ShapedPolygon { polygon, profile, frame } => {
                 let point = polygon.point(u);
                 let toward = |d| shaped(profile, *frame, d);
@@ -118,15 +129,22 @@ impl VirtualLight {
         incident(Target::At(point.as_vec3()), direction.as_vec3(), fluence, normal, true)
     }
 
-    fn of_polygon(&self, position: Vec3, normal: Vec3, polygon: &Polygon, u: [f32; 2]) -> Option<Incident> {
+    /// `point` of the polygon stands for all of it from afar; from near, one that is `above` the receiver's horizon is asked whether it is seen.
+    fn of_polygon(
+        &self,
+        position: Vec3,
+        normal: Vec3,
+        polygon: &Polygon,
+        point: Vec3,
+        above: impl Fn() -> Vec3,
+    ) -> Option<Incident> {
         let height = polygon.normal().dot(position - polygon.centroid());
         if height.is_nan() || height <= 0.0 {
             return None;
         }
-        let point = polygon.point(u);
-        let towards = (point - position).as_dvec3();
         let near = NEAR * polygon.radius();
         if polygon.centroid().distance_squared(position) > near * near {
+            let towards = (point - position).as_dvec3();
             let direction = towards.try_normalize()?.as_vec3();
             let cos_light = -polygon.normal().dot(direction);
             let fluence = self.flux * (f64::from(FRAC_1_PI * cos_light) / towards.length_squared()) as f32;
@@ -135,16 +153,8 @@ impl VirtualLight {
         let radiance = self.flux / (PI * polygon.area());
         let (irradiance, vector) = polygon.irradiance(position, normal);
         let solid_angle = polygon.solid_angle(position, normal);
-        if !(irradiance > 0.0 && solid_angle > 0.0) {
-            return None;
-        }
-        let target = if normal.dot(towards.as_vec3()) > 0.0 {
-            point
-        } else {
-            point_above(polygon, position, normal, u)
-        };
-        Some(Incident {
-            target: Target::At(target),
+        (irradiance > 0.0 && solid_angle > 0.0).then(|| Incident {
+            target: Target::At(above()),
             irradiance: radiance * irradiance as f32,
             fluence: radiance * solid_angle as f32,
             direction: (vector / solid_angle).as_vec3(),
@@ -168,6 +178,20 @@ fn point_above(polygon: &Polygon, position: Vec3, normal: Vec3, u: [f32; 2]) -> 
     };
     // A cut may leave nine corners, or next to nothing.
     polygon.clipped(-normal, -normal.dot(position)).map_or_else(highest, |above| above.point(u))
+}
+
+/// One of the places above the horizon, or the highest one.
+fn place_above(places: &Places, position: Vec3, normal: Vec3, u: [f32; 2]) -> Vec3 {
+    let place = places.point(u[0]);
+    let height = |place: Vec3| normal.dot(place - position);
+    if height(place) > 0.0 {
+        return place;
+    }
+    let above = places.points().iter().filter(|&&place| height(place) > 0.0);
+    let count = above.clone().count();
+    let highest = |a: Vec3, b: Vec3| if height(b) > height(a) { b } else { a };
+    let chosen = above.copied().nth(((u[1] * count as f32) as usize).min(count.saturating_sub(1)));
+    chosen.unwrap_or_else(|| places.points().iter().copied().fold(place, highest))
 }
 
 /// A cosine has no frame here: of a shaped polygon, Lambert means uniform.

@@ -32,6 +32,7 @@
 //! has the same number of paths.
 
 mod aperture;
+mod attention;
 mod baker;
 mod cell;
 mod cut;
@@ -71,5 +72,5 @@ pub use profile::{IntensityTable, Profile, TableError};
 pub use save::LoadError;
 pub use step::{Progress, StepBudget};
 pub use trace::{SurfaceHit, Trace};
-pub use update::{Contribution, GeometryVersion, Update};
-pub use virtual_light::{Shape, VirtualLight};
+pub use update::{Contribution, GeometryVersion, Pass, Update};
+pub use virtual_light::{Places, Shape, VirtualLight};

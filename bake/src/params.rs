@@ -18,7 +18,8 @@ pub struct Bounds {
 /// What is brought up to date first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UpdateOrder {
-    /// Clusters with the most invalid flux for each light that their update takes. (The paper does not count lights.)
+    /// Clusters with the most invalid flux for each light that their update takes, as it would arrive at what is [watched](crate::Baker::watch). (The paper
+    /// neither counts lights nor knows of a viewer.)
     #[default]
     InvalidFlux,
     /// In the order in which clusters became invalid: for comparison.
@@ -48,7 +49,7 @@ pub struct BakeParams {
     pub leaf_members: u32,
     /// t of Equation 2, between 0 and 1: the share of invalid flux at which validation and balancing take turns.
     pub interleave_at: f64,
-    /// The least share of updates that validate while both wait, from 0.5 (the paper's) to 1. Balancing costs several times as many lights and shows less.
+    /// The least share of accumulated lights that validate while both wait, from 0.5 (the paper's, of updates) to 1. Balancing shows less.
     pub least_validation: f64,
     /// What is brought up to date first.
     pub order: UpdateOrder,
@@ -62,7 +63,7 @@ pub struct BakeParams {
 }
 
 impl BakeParams {
-    /// The paper's settings but for `least_validation`, which is 0.9: 3 bounces, 3000 clusters, K = 4, `p_min` = 10, `σ_n` = 1°, `σ_d` = 0.01, t = 0.1.
+    /// The paper's settings: 3 bounces, 3000 clusters, K = 4, `p_min` = 10, `σ_n` = 1°, `σ_d` = 0.01, t = 0.1, half of all lights at least for validation.
     pub const fn new(world: Bounds, path_power: f64, group: GroupDirections) -> Self {
         Self {
             world,
@@ -75,7 +76,7 @@ impl BakeParams {
             plane_offset: 0.01,
             leaf_members: 64,
             interleave_at: 0.1,
-            least_validation: 0.9,
+            least_validation: 0.5,
             order: UpdateOrder::InvalidFlux,
             skip_unaffected: true,
             seed: 0,
@@ -136,6 +137,11 @@ pub enum BakeError {
     },
     /// All lights together have more than 2²⁸ paths.
     TooManyPaths,
+    /// This point that is looked at is not finite, or its normal not of unit length.
+    Watched {
+        /// Index of the point.
+        index: usize,
+    },
     /// A box of this change is no box.
     Bounds {
         /// Index of the change.
@@ -156,6 +162,9 @@ impl fmt::Display for BakeError {
             }
             Self::NoLight { key } => write!(f, "there is no light {}; add it first", key.0),
             Self::TooManyPaths => write!(f, "more than 268435456 paths; give lights fewer"),
+            Self::Watched { index } => {
+                write!(f, "point {index} to look at must be finite, with a normal of unit length")
+            }
             Self::Bounds { index } => {
                 write!(f, "the boxes of change {index} must be finite, min nowhere above max")
             }

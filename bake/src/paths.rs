@@ -219,6 +219,13 @@ impl Paths {
         sums
     }
 
+    /// Gives back what growing ahead took, once no more comes for a while.
+    pub(crate) fn trim(&mut self) {
+        if self.vertices.capacity() - self.vertices.len() > self.vertices.len() / 128 + 64 {
+            self.vertices.shrink_to_fit();
+        }
+    }
+
     /// Bytes of vertices, paths and lists.
     pub(crate) fn bytes(&self) -> usize {
         self.vertices.capacity() * size_of::<Vertex>()

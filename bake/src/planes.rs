@@ -14,6 +14,8 @@ pub(crate) struct Vpl {
     pub(crate) position: Vec3,
     pub(crate) normal: Vec3,
     pub(crate) flux: Vec3,
+    /// A hash of its name.
+    pub(crate) hash: u32,
 }
 
 /// Tolerances of planes.

@@ -6,8 +6,9 @@ use glam::{DVec3, Vec3};
 use lighttree::Ray;
 use lighttree::rng::{Random, pcg4d};
 
+use crate::attention::Invalid;
 use crate::cut::{Balancing, Cut};
-use crate::forest::{Forest, Members, NONE, OCTREE, Place};
+use crate::forest::{Forest, Members, NONE, Node, OCTREE, Place};
 use crate::normal_code::{decode, encode};
 use crate::paths::{Hit, PathInfo, Paths};
 use crate::sums::{GRID, Sums, Units};
@@ -102,6 +103,11 @@ fn a_hundred_thousand_members_come_and_go() {
     assert!((0..5).all(|object| paths.on_object(object).next().is_none()));
 }
 
+/// Nobody looks.
+fn worth(node: &Node, invalid: &Invalid<'_>) -> (f64, f64) {
+    (((node.sums.flux - invalid.flux_at_bake).abs() + invalid.absolute) as f64, node.sums.flux as f64)
+}
+
 /// Refine and merge until balanced; how many of them it took.
 fn balance(forest: &mut Forest, cut: &mut Cut) -> usize {
     let mut steps = 0;
@@ -110,7 +116,7 @@ fn balance(forest: &mut Forest, cut: &mut Cut) -> usize {
             Balancing::Refine(state) => drop(cut.refine(forest, state)),
             Balancing::Merge(state) => drop(cut.merge(forest, state)),
         }
-        cut.refresh(forest, &[]);
+        cut.refresh(forest, &[], worth);
         steps += 1;
     }
     steps
@@ -139,14 +145,14 @@ fn balancing_ends_in_one_place() {
         for round in 0..12u32 {
             cut.budget = [0, 1, 2, 7, 50, 51, 90, 400, 10_000][random.u32() as usize % 9];
             // Huge at some leaves, zero at others, ties everywhere.
-            let metric = |node: &crate::forest::Node| {
+            let metric = |node: &Node| {
                 let Place::Cell { depth, code } = node.place else { return 0.0 };
                 let word = pcg4d([trial, round, u32::from(depth), code as u32 ^ (code >> 32) as u32])[0];
                 [0.0, 1.0, 1e30, f64::from(word), f64::from(word % 5)][word as usize % 5]
             };
             (0..nodes as u32).for_each(|node| forest.mark(node));
             let stale = forest.refresh(metric);
-            cut.refresh(&forest, &stale);
+            cut.refresh(&forest, &stale, worth);
             let steps = balance(&mut forest, &mut cut);
             assert!(steps <= 2 * nodes, "{steps} steps for {nodes} nodes");
             let mut selected = 0;
@@ -158,7 +164,7 @@ fn balancing_ends_in_one_place() {
             fresh_forest.nodes.iter_mut().for_each(|node| node.state = NONE);
             let mut fresh = Cut::new(cut.budget, UpdateOrder::default());
             fresh.select(&mut fresh_forest.nodes, OCTREE);
-            fresh.refresh(&fresh_forest, &[]);
+            fresh.refresh(&fresh_forest, &[], worth);
             balance(&mut fresh_forest, &mut fresh);
             assert_eq!(selection(&forest, &cut), selection(&fresh_forest, &fresh));
         }

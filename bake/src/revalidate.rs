@@ -46,6 +46,8 @@ impl Baker {
         }
         if self.paths_pending() == 0 {
             self.log.clear();
+            self.paths.trim();
+            self.forest.trim();
             if !self.primed {
                 self.primed = true;
                 self.restore();
@@ -75,6 +77,10 @@ impl Baker {
             let before = lamp.known.len();
             let known = lamp.known.drain(..taken);
             tasks.extend(known.map(|index| Task { key, index, path: lamp.first_path + index }));
+            if lamp.known.is_empty() {
+                // A list of all of a light's paths is not kept for the next time.
+                lamp.known = Vec::new();
+            }
             lamp.invalid = (lamp.invalid as f64 * (before - taken) as f64 / before as f64) as i64;
         }
         // Then all that may be.

@@ -13,8 +13,8 @@ use crate::baker::Baker;
 use crate::cut::Saved;
 use crate::forest::Place;
 use crate::{
-    Aperture, BakeError, BakeParams, Contribution, GeometryVersion, IntensityTable, Light, LightKey, Polygon,
-    Profile, Shape, VirtualLight,
+    Aperture, BakeError, BakeParams, Contribution, GeometryVersion, IntensityTable, Light, LightKey, Places,
+    Polygon, Profile, Shape, VirtualLight,
 };
 
 const MAGIC: &[u8; 6] = b"LTBAKE";
@@ -79,7 +79,7 @@ impl From<BakeError> for LoadError {
 
 impl Baker {
     /// Number of the format that [`save`](Self::save) writes.
-    pub const FORMAT: u16 = 1;
+    pub const FORMAT: u16 = 2;
 
     /// The bake as bytes. `scene` is the host's name of the scene, a hash of its geometry as a rule.
     pub fn save(&self, scene: u64) -> Vec<u8> {
@@ -306,6 +306,12 @@ impl Writer {
                 self.u8(3);
                 self.polygon(polygon);
             }
+            Shape::Patch { polygon, places } => {
+                self.u8(6);
+                self.polygon(polygon);
+                self.u8(places.points().len() as u8);
+                places.points().iter().for_each(|&point| self.vec3(point));
+            }
             Shape::ShapedPolygon { polygon, profile, frame } => {
                 self.u8(4);
                 self.polygon(polygon);
@@ -447,6 +453,13 @@ impl<'a> Reader<'a> {
                 cos: [self.f32()?, self.f32()?],
                 around: [self.f32()?, self.f32()?],
             },
+            6 => {
+                let polygon = self.polygon()?;
+                let count = self.u8()?;
+                let points = (0..count).map(|_| self.vec3()).collect::<Result<Vec<_>, _>>()?;
+                let places = Places::new(&points).ok_or(LoadError::Damaged)?.into();
+                Shape::Patch { polygon, places }
+            }
             _ => return Err(LoadError::Damaged),
         })
     }

@@ -14,7 +14,7 @@ use crate::planes::{PlaneRules, Vpl};
 use crate::schedule::validation_ratio;
 use crate::sums::GRID;
 use crate::trace::Trace;
-use crate::{Contribution, Update, VirtualLight};
+use crate::{Contribution, LightKey, Update, VirtualLight};
 
 /// How much one step does at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,10 +59,11 @@ impl Baker {
             self.refresh();
         }
         if self.primed {
+            self.look_around(trace);
             // Balancing what is not baked yet costs no light, but time.
             let mut turns = 64 + 8 * budget.accumulations;
             while progress.accumulations < budget.accumulations && turns > 0 {
-                let Some(update) = self.next_update() else { break };
+                let Some(update) = self.next_update(trace) else { break };
                 turns -= 1;
                 if !update.is_empty() {
                     progress.accumulations += update.accumulations();
@@ -99,22 +100,27 @@ impl Baker {
     }
 
     /// The next update, empty where it changed nothing in the baked light; `None` if all clusters are balanced and up to date.
-    fn next_update(&mut self) -> Option<Update> {
+    fn next_update(&mut self, trace: &Trace<'_>) -> Option<Update> {
         let validation = self.cut.next_validation(&self.forest);
         let balancing = self.cut.next_balancing(&self.forest);
         let update = match (validation, balancing) {
             (None, None) => return None,
-            (None, Some(balancing)) => self.balance(balancing),
-            (Some((pending, ..)), None) => self.bring_up_to_date(pending),
+            (None, Some(balancing)) => self.balance(balancing, trace),
+            (Some((pending, ..)), None) => self.bring_up_to_date(pending, trace),
             // What is not baked is balanced first: that costs nothing.
-            (Some(_), Some(balancing)) if self.is_free(balancing) => self.balance(balancing),
+            (Some(_), Some(balancing)) if self.is_free(balancing) => self.balance(balancing, trace),
             (Some((pending, invalid, flux)), Some(balancing)) => {
                 let ratio =
                     validation_ratio(invalid, flux, self.params.interleave_at, self.params.least_validation);
-                if self.turns.validate(ratio) {
-                    self.bring_up_to_date(pending)
+                // A node with K lights, and two children with as many.
+                if self.turns.validate(3.0 * self.params.lights_per_cell as f64) {
+                    let update = self.bring_up_to_date(pending, trace);
+                    self.turns.validated(update.accumulations(), ratio);
+                    update
                 } else {
-                    self.balance(balancing)
+                    let update = self.balance(balancing, trace);
+                    self.turns.balanced(update.accumulations());
+                    update
                 }
             }
         };
@@ -133,7 +139,7 @@ impl Baker {
         }
     }
 
-    fn balance(&mut self, balancing: Balancing) -> Update {
+    fn balance(&mut self, balancing: Balancing, trace: &Trace<'_>) -> Update {
         let (subtract, states) = match balancing {
             Balancing::Refine(state) => self.cut.refine(&mut self.forest, state),
             Balancing::Merge(state) => (self.cut.merge(&mut self.forest, state), vec![state]),
@@ -145,19 +151,21 @@ impl Baker {
         for state in states {
             let lights = self.lights_of(state);
             update.add.extend_from_slice(&lights);
-            self.cut.set_baked(&self.forest, state, lights);
+            let views = self.attention.look(&lights, self.version, trace);
+            self.cut.set_baked(&self.forest, state, lights, views);
         }
         self.stats.balancing_updates += 1;
         without_common(update)
     }
 
-    fn bring_up_to_date(&mut self, pending: Pending) -> Update {
+    fn bring_up_to_date(&mut self, pending: Pending, trace: &Trace<'_>) -> Update {
         let update = match pending {
             Pending::Orphans(key) => Update { subtract: self.cut.take_orphans(key), add: Vec::new() },
             Pending::State(state) => {
                 let add = self.lights_of(state);
                 let subtract = core::mem::take(&mut self.cut.states[state as usize].baked);
-                self.cut.set_baked(&self.forest, state, add.clone());
+                let views = self.attention.look(&add, self.version, trace);
+                self.cut.set_baked(&self.forest, state, add.clone(), views);
                 without_common(Update { subtract, add })
             }
         };
@@ -197,9 +205,10 @@ impl Baker {
         let mut members: Vec<_> =
             members.into_iter().map(|vertex| (flux(vertex), name(vertex), vertex)).collect();
         members.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        let vpl = |&(_, _, vertex): &(f32, _, u32)| {
+        let vpl = |&(_, (key, index, number), vertex): &(f32, (LightKey, u32, u32), u32)| {
             let hit = self.paths.hit(vertex);
-            Vpl { position: hit.position, normal: decode(hit.normal), flux: hit.flux }
+            let hash = pcg4d([self.params.seed, key.0, index, number])[0];
+            Vpl { position: hit.position, normal: decode(hit.normal), flux: hit.flux, hash }
         };
         let vpls: Vec<Vpl> = members.iter().map(vpl).collect();
         let (center, side) = self.cell_box(depth, code);
@@ -218,7 +227,7 @@ impl Baker {
             group: self.params.group,
         };
         let seed = pcg4d([self.params.seed, u32::from(depth), code as u32, (code >> 32) as u32]);
-        cell_lights(&vpls, &rules, |i| pcg4d([seed[0], seed[1], seed[2], i])[0])
+        cell_lights(&vpls, &rules, |[normal, height]| pcg4d([seed[0], seed[1] ^ seed[2], normal, height])[0])
     }
 
     /// Centre and side of a cell.

@@ -121,6 +121,19 @@ impl Sums {
         self.distance = sums(self.distance, other.distance);
     }
 
+    /// Sums of positions, in units of length.
+    pub(crate) fn positions(&self) -> [f64; 3] {
+        self.position.map(|p| p as f64)
+    }
+
+    /// Mean normal by flux: of unit length where all face the same way.
+    pub(crate) fn mean_normal(&self) -> DVec3 {
+        if self.flux <= 0 {
+            return DVec3::ZERO;
+        }
+        (DVec3::from_array(self.normal.map(|n| n as f64)) * (1024.0 / self.flux as f64)).clamp_length_max(1.0)
+    }
+
     /// Radius of the disk whose points spread as the members do, in units of length.
     pub(crate) fn radius(&self) -> f64 {
         if self.count == 0 {
@@ -151,9 +164,7 @@ impl Sums {
 
     /// `I_max` / Φ of members that are Lambertian, sr⁻¹: 1/π where all face the same way, and a quarter of that where they face every way.
     pub(crate) fn directionality(&self) -> f64 {
-        let along = DVec3::from_array(self.normal.map(|n| n as f64)).length() * 1024.0;
-        let unity = if self.flux > 0 { (along / self.flux as f64).min(1.0) } else { 0.0 };
-        (0.25 + 0.75 * unity) / PI
+        (0.25 + 0.75 * self.mean_normal().length()) / PI
     }
 
     /// B of a cluster of members, `Φ_Ω` · D · `E_v`.

@@ -16,6 +16,13 @@ pub struct Contribution {
     pub version: GeometryVersion,
 }
 
+impl Contribution {
+    /// Whether one of the two is accumulated along with the other: the same points under the same name.
+    pub(crate) fn is_in_place_of(&self, other: &Self) -> bool {
+        self.light.seed == other.light.seed && self.light.shape == other.light.shape
+    }
+}
+
 /// Contributions that leave the baked light and others that take their place, one unit for whoever reads it.
 ///
 /// Every contribution in `subtract` was in `add` of an earlier update, as the same record, and in no `subtract` since.
@@ -33,8 +40,35 @@ impl Update {
         self.subtract.is_empty() && self.add.is_empty()
     }
 
-    /// Lights that have to be accumulated, added or subtracted: what an update costs.
-    pub const fn accumulations(&self) -> usize {
-        self.subtract.len() + self.add.len()
+    /// Lights that have to be accumulated: passes over all receivers, which is what an update costs.
+    pub fn accumulations(&self) -> usize {
+        let replaced = |old: &&Contribution| self.add.iter().any(|new| old.is_in_place_of(new));
+        self.subtract.len() + self.add.len() - self.subtract.iter().filter(replaced).count()
     }
+
+    /// The passes that make up the update: what is subtracted and added in the same place goes in one.
+    pub fn passes(&self) -> Vec<Pass<'_>> {
+        let mut passes: Vec<Pass<'_>> =
+            self.subtract.iter().map(|old| Pass { subtract: Some(old), add: None }).collect();
+        for new in &self.add {
+            let same = passes
+                .iter_mut()
+                .find(|pass| pass.add.is_none() && pass.subtract.is_some_and(|old| old.is_in_place_of(new)));
+            match same {
+                Some(pass) => pass.add = Some(new),
+                None => passes.push(Pass { subtract: None, add: Some(new) }),
+            }
+        }
+        passes
+    }
+}
+
+/// A light that comes, goes, or is replaced by one of the same shape and seed: then its points, and so its shadow rays, are the same ones, and only its flux
+/// or the geometry around it differs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pass<'a> {
+    /// What leaves.
+    pub subtract: Option<&'a Contribution>,
+    /// What comes.
+    pub add: Option<&'a Contribution>,
 }

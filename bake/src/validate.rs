@@ -35,7 +35,7 @@ impl EditLog {
 }
 
 /// Slab test in f64, where a coordinate's error is far below the margin: 2⁻¹⁸ of all that is involved.
-fn crosses(bounds: &Bounds, from: Vec3, to: Vec3, endless: bool) -> bool {
+pub(crate) fn crosses(bounds: &Bounds, from: Vec3, to: Vec3, endless: bool) -> bool {
     let largest =
         [bounds.min, bounds.max, from].map(|v| v.abs().max_element()).into_iter().fold(0.0, f32::max);
     let margin = DVec3::splat(f64::from(largest) / 262_144.0);

@@ -48,8 +48,16 @@ pub enum Shape {
         /// Radius, above 0: at most this takes the pole 1/d² away.
         radius: f32,
     },
-    /// A flat piece of lamp or wall with the same radiance everywhere, on the side of its normal.
+    /// A flat piece of lamp with the same radiance everywhere, on the side of its normal.
     Polygon(Polygon),
+    /// A cluster of light that a flat surface sends on. It shines as the polygon does; shadow rays go to some of the places where light met the surface, so that
+    /// nothing is seen of it from where none of these is, though its outline is a rough one.
+    Patch {
+        /// Outline, just off the surface.
+        polygon: Polygon,
+        /// Where shadow rays go.
+        places: Box<Places>,
+    },
     /// A flat piece of lamp whose every point has the same profile.
     ShapedPolygon {
         /// Its outline; light leaves wherever the profile says, on both sides.
@@ -68,4 +76,41 @@ pub enum Shape {
         /// Azimuths from +X towards +Y, radians, least first.
         around: [f32; 2],
     },
+}
+
+/// One to eight points. 100 bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct Places {
+    points: [Vec3; Self::MOST],
+    count: u8,
+}
+
+impl Places {
+    /// The most points.
+    pub const MOST: usize = 8;
+
+    /// The first eight of some points; `None` for none at all.
+    pub fn new(points: &[Vec3]) -> Option<Self> {
+        let count = points.len().min(Self::MOST);
+        let mut all = [*points.first()?; Self::MOST];
+        all[..count].copy_from_slice(&points[..count]);
+        Some(Self { points: all, count: count as u8 })
+    }
+
+    /// The points.
+    pub fn points(&self) -> &[Vec3] {
+        &self.points[..usize::from(self.count)]
+    }
+
+    /// The point for a uniform number in [0, 1).
+    pub(crate) fn point(&self, u: f32) -> Vec3 {
+        let points = self.points();
+        points[((u * points.len() as f32) as usize).min(points.len() - 1)]
+    }
+}
+
+impl PartialEq for Places {
+    fn eq(&self, other: &Self) -> bool {
+        self.points() == other.points()
+    }
 }

@@ -5,7 +5,7 @@ mod host;
 use bake::lightmap::{
     ImageParams, LayoutParams, Lightmap, LightmapError, LightmapParams, Work, directional_irradiance,
 };
-use bake::{GeometryVersion, Polygon, Profile, Shape, Update, VirtualLight};
+use bake::{GeometryVersion, Places, Polygon, Profile, Shape, Update, VirtualLight};
 use glam::{Affine3A, Quat, Vec3};
 use host::{Mesh, Soup, add, contribution, lightmap, subtract};
 use lighttree::rng::Random;
@@ -155,6 +155,77 @@ fn moving_away_and_back_is_exact() {
     assert_ne!(sums(&map), before);
     map.apply(&subtract(&light, 3)).unwrap();
     assert!(map.sums().all(|sum| sum == 0));
+}
+
+/// A light in the place of another goes through the texels once, and leaves the bits that subtracting and adding leave: dimmed or not, with a block moved in between or not.
+#[test]
+fn one_pass_leaves_the_bits_of_two() {
+    let meshes = room();
+    let stands = |x: f32| vec![Some(Affine3A::IDENTITY), Some(Affine3A::from_translation(Vec3::X * x))];
+    let corners = [[0.2, 0.2], [0.9, 0.2], [0.9, 0.9], [0.2, 0.9]].map(|[x, z]| Vec3::new(x, 2.9, z));
+    let polygon = Polygon::new(&corners).unwrap();
+    let places: Vec<Vec3> = corners.iter().map(|&corner| corner * 0.99).collect();
+    let shapes = [
+        Shape::Point { position: Vec3::new(0.5, 2.5, 0.4), profile: Profile::Lambert, frame: Quat::IDENTITY },
+        Shape::Polygon(polygon),
+        Shape::Patch { polygon, places: Places::new(&places).unwrap().into() },
+        Shape::Disk { position: Vec3::new(3.9, 1.0, 2.0), normal: Vec3::NEG_X, radius: 0.2 },
+        sky(1.0, 0).shape,
+    ];
+    for (samples, directional) in [(1, false), (3, false), (2, true)] {
+        let params = LightmapParams { samples, directional, ..params(3.0) };
+        let (mut once, mut twice) = (lightmap(&meshes, &params), lightmap(&meshes, &params));
+        let lights: Vec<VirtualLight> = (0..15)
+            .map(|i| VirtualLight {
+                shape: shapes[i % 5].clone(),
+                flux: Vec3::new(9.0, 3.0, 1.0),
+                seed: i as u32,
+            })
+            .collect();
+        for map in [&mut once, &mut twice] {
+            lights.iter().for_each(|light| map.apply(&add(light, 0)).unwrap());
+            map.set_geometry(GeometryVersion(1), Soup::new(&meshes, &stands(1.2)), &stands(1.2)).unwrap();
+        }
+        for (i, light) in lights.iter().enumerate() {
+            let (scale, version) = [(1.0, 1), (0.25, 1), (0.5, 0)][i / 5];
+            let other = VirtualLight { flux: light.flux * Vec3::new(scale, 1.0, scale), ..light.clone() };
+            let (old, new) = (contribution(light, 0), contribution(&other, version));
+            let both = Update { subtract: vec![old.clone()], add: vec![new.clone()] };
+            assert_eq!((both.accumulations(), both.passes().len()), (1, 1));
+            once.apply(&both).unwrap();
+            twice.apply(&Update { add: vec![new], ..Update::default() }).unwrap();
+            twice.apply(&Update { subtract: vec![old], ..Update::default() }).unwrap();
+            assert!(sums(&once) == sums(&twice), "light {i}, {samples} samples, {directional}");
+            assert_eq!(once.published().values, twice.published().values);
+        }
+        assert_eq!(once.counts(), twice.counts());
+    }
+}
+
+/// Where nothing that moved is between a light and a texel, neither is a shadow ray.
+#[test]
+fn what_nothing_moved_before_takes_no_rays() {
+    let meshes = [
+        Mesh::default().cuboid(Vec3::ZERO, Vec3::new(8.0, 3.0, 2.0), false),
+        Mesh::default().cuboid(Vec3::new(6.5, 0.0, 0.5), Vec3::new(7.0, 0.5, 1.0), true),
+    ];
+    let mut map = lightmap(&meshes, &params(4.0));
+    let light = point(Vec3::new(0.5, 2.5, 1.0), 50.0, 1);
+    let asked = |map: &Lightmap<Soup>| -> usize {
+        map.versions().map(|version| map.rays(version).unwrap().asked()).sum()
+    };
+    map.apply(&add(&light, 0)).unwrap();
+    let all = asked(&map);
+    // It keeps the first version.
+    map.apply(&add(&point(Vec3::ONE, 1.0, 2), 0)).unwrap();
+    let stands = [Some(Affine3A::IDENTITY), Some(Affine3A::from_translation(Vec3::X * 0.3))];
+    map.set_geometry(GeometryVersion(1), Soup::new(&meshes, &stands), &stands).unwrap();
+    let before = asked(&map);
+    map.apply(&Update { subtract: vec![contribution(&light, 0)], add: vec![contribution(&light, 1)] })
+        .unwrap();
+    let rays = asked(&map) - before;
+    // Two passes would ask twice as many as one.
+    assert!(rays > 0 && rays < 2 * all / 4, "{rays} rays of {all} in a pass");
 }
 
 /// Readers see whole updates, however often the work is interrupted.

@@ -2,8 +2,8 @@
 
 mod common;
 
-use bake::{Baker, LightKey, UpdateOrder};
-use common::{Receivers, World, baked_room, bulb, finish, lamp, params, solid};
+use bake::{BakeError, Baker, LightKey, UpdateOrder};
+use common::{Receivers, World, baked_room, bulb, finish, lamp, params, room, solid};
 use glam::Vec3;
 
 /// A bake of the same world and lights from scratch.
@@ -155,4 +155,55 @@ fn paths_that_are_skipped_are_valid() {
         assert_eq!(receivers.sums, receivers_all.sums);
         assert!(2 * (baker.stats().rays - before.0) < all.stats().rays - before.1);
     }
+}
+
+/// 64 bytes for each path vertex, lists, cells and the lamp included, where half of the light that a surface meets goes on; and 8 more with lamps of 1500 paths each, which
+/// have a piece for each 64 of them at most.
+#[test]
+fn a_path_vertex_costs_what_is_stated() {
+    let world = room();
+    for (lights, stated) in [(1, 64.0), (40, 72.0)] {
+        let mut baker = Baker::new(params(0.05)).unwrap();
+        for key in 0..lights {
+            baker
+                .add_light(LightKey(key), lamp([0.1 * key as f32, 3.9, 0.0], 10.0, 60_000 / lights))
+                .unwrap();
+        }
+        let budget = bake::StepBudget { paths: 100_000, accumulations: 0 };
+        let progress = baker.step(budget, &world.trace(), &mut |_| {});
+        assert_eq!(progress.paths_pending, 0);
+        let each = baker.bytes() as f64 / baker.path_vertices() as f64;
+        println!("{lights} lights, {} vertices: {each:.1} B", baker.path_vertices());
+        assert!(each <= stated, "{each} with {lights} lights");
+    }
+}
+
+/// Who watches changes the order of updates, and no bit of where they lead.
+#[test]
+fn watching_changes_the_order_alone() {
+    let (world, baker, receivers) = baked_room(params(0.05));
+    let run = |points: &[(Vec3, Vec3)]| {
+        let (mut world, mut baker, mut receivers) = (world.clone(), baker.clone(), receivers.clone());
+        let unsound = [(Vec3::ONE, Vec3::Y), (Vec3::ONE, Vec3::ONE)];
+        assert_eq!(baker.watch(&unsound), Err(BakeError::Watched { index: 1 }));
+        baker.watch(points).unwrap();
+        let budget = bake::StepBudget { paths: 0, accumulations: 0 };
+        baker.step(budget, &world.trace(), &mut |_| panic!("it is up to date"));
+        world.put(&mut baker, 1, Some(solid([2.0, 0.0, -3.0], [3.0, 2.0, -2.0], 0.5)));
+        let mut first = None;
+        let each = bake::StepBudget { paths: 100_000, accumulations: 1 };
+        while !baker
+            .step(each, &world.trace(), &mut |update| {
+                first.get_or_insert_with(|| update.clone());
+                receivers.apply(&world, update);
+            })
+            .is_done
+        {}
+        (first, receivers.sums)
+    };
+    let corner: Vec<_> =
+        receivers.points.iter().filter(|(at, _)| at.x < -4.0 && at.z > 3.0).copied().collect();
+    let (blind, watched) = (run(&[]), run(&corner));
+    assert!(blind.1 == watched.1);
+    assert!(blind.0 != watched.0, "another update comes first");
 }

@@ -251,7 +251,6 @@ impl View {
         let stand = &host.versions[&contribution.version];
         let diagonal = 4.0 * stand.scene.bounds().map_or(1.0, |(a, b)| a.distance(b));
         let mut scratch = RayScratch::default();
-        self.accumulations += 1;
         for (index, (&(position, normal), sum)) in self.points.iter().zip(&mut self.sums).enumerate() {
             let words = pcg4d([contribution.light.seed, index as u32, 0, 0]);
             let u = [unit_f32(words[0]), unit_f32(words[1])];
@@ -280,6 +279,7 @@ pub(crate) fn finish(
         let progress = baker.step(budget, &trace, &mut |update| {
             update.subtract.iter().for_each(|contribution| view.add(host, contribution, -1.0));
             update.add.iter().for_each(|contribution| view.add(host, contribution, 1.0));
+            view.accumulations += update.accumulations();
             each(view);
         });
         if progress.is_done {

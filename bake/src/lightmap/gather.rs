@@ -1,15 +1,21 @@
 //! What one light brings to the texels of a chunk.
+//!
+//! A light that is replaced by one in the same place goes through its texels once: where the way to it crosses nothing that moved, one shadow ray answers for
+//! before and after; and where its flux is the same, too, none is needed. The sums are the same bits as if the one were subtracted and the other added.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use glam::Vec3;
 use lighttree::Segment;
 use lighttree::rng::{pcg4d, unit_f32};
 
 use super::fixed_point::{FixedPoint, FixedPointCounts, accumulate};
-use super::receivers::LightmapRays;
-use super::store::{ChunkPlace, Version};
-use crate::{Contribution, GeometryVersion, Incident, Target};
+use super::receivers::{LightmapRays, Sample};
+use super::store::ChunkPlace;
+use super::versions::{Chunk, Version};
+use crate::validate::crosses;
+use crate::{Bounds, Contribution, GeometryVersion, Incident, Pass, Target, VirtualLight};
 
 /// What a thread works with.
 pub(super) struct Scratch<R: LightmapRays> {
@@ -17,6 +23,19 @@ pub(super) struct Scratch<R: LightmapRays> {
     incidents: Vec<(u32, Incident)>,
     segments: Vec<Segment>,
     occluded: Vec<bool>,
+    replaced: Vec<Replaced>,
+    before: Vec<Segment>,
+    occluded_before: Vec<bool>,
+}
+
+/// A sample that a light which is replaced shines on, before or after.
+#[derive(Clone, Copy)]
+struct Replaced {
+    sample: u32,
+    old: Option<Incident>,
+    new: Option<Incident>,
+    /// Something moved that is in the way, or was.
+    is_crossed: bool,
 }
 
 impl<R: LightmapRays> Default for Scratch<R> {
@@ -26,6 +45,9 @@ impl<R: LightmapRays> Default for Scratch<R> {
             incidents: Vec::new(),
             segments: Vec::new(),
             occluded: Vec::new(),
+            replaced: Vec::new(),
+            before: Vec::new(),
+            occluded_before: Vec::new(),
         }
     }
 }
@@ -39,9 +61,166 @@ pub(super) struct Gather<'a, R> {
 }
 
 impl<R: LightmapRays> Gather<'_, R> {
+    /// One pass over one chunk; whether anything changed. `moved` are boxes around what differs between the versions of a pass with two sides.
+    #[expect(clippy::too_many_arguments, reason = "the inner loop's state, kept by the caller per thread")]
+    pub(super) fn pass(
+        &self,
+        pass: &Pass<'_>,
+        moved: &[Bounds],
+        index: usize,
+        place: ChunkPlace,
+        sums: &mut [i64],
+        scratch: &mut Scratch<R>,
+        counts: &mut FixedPointCounts,
+    ) -> bool {
+        if let Pass { subtract: Some(old), add: Some(new) } = *pass
+            && let (Some(before), Some(after)) =
+                (self.versions.get(&old.version), self.versions.get(&new.version))
+            && let (Some(chunk), Some(other)) = (&before.chunks[index], &after.chunks[index])
+            && Arc::ptr_eq(chunk, other)
+        {
+            return self.replace([old, new], [before, after], moved, index, place, sums, scratch, counts);
+        }
+        let mut touched = false;
+        for (contribution, sign) in [(pass.subtract, -1), (pass.add, 1)] {
+            if let Some(contribution) = contribution {
+                touched |= self.contribution(contribution, sign, index, place, sums, scratch, counts);
+            }
+        }
+        touched
+    }
+
+    /// Another light in the place of one: samples, points and jitter are the same.
+    #[expect(clippy::too_many_arguments, reason = "the inner loop's state, kept by the caller per thread")]
+    fn replace(
+        &self,
+        [old, new]: [&Contribution; 2],
+        [before, after]: [&Version<R>; 2],
+        moved: &[Bounds],
+        index: usize,
+        place: ChunkPlace,
+        sums: &mut [i64],
+        scratch: &mut Scratch<R>,
+        counts: &mut FixedPointCounts,
+    ) -> bool {
+        let Some(chunk) = &after.chunks[index] else { return false };
+        let is_scaled = old.light.flux != new.light.flux;
+        let moved = if old.version == new.version { &[] } else { moved };
+
+        // What would arrive where, before and after.
+        let Scratch { replaced, segments, before: segments_before, .. } = scratch;
+        replaced.clear();
+        for (i, sample) in chunk.samples.iter().enumerate().filter(|(_, sample)| !sample.is_dead()) {
+            let incident = |light: &VirtualLight| self.incident(light, place, i, sample);
+            let arriving = incident(&new.light);
+            let departing = if is_scaled { incident(&old.light) } else { arriving };
+            let Some(Incident { target, .. }) = arriving.or(departing) else { continue };
+            let segment = segment(sample, target, after.far);
+            let is_crossed = moved.iter().any(|bounds| crosses(bounds, segment.from, segment.to, false))
+                || (before.far != after.far && !moved.is_empty() && matches!(target, Target::Toward(_)));
+            replaced.push(Replaced { sample: i as u32, old: departing, new: arriving, is_crossed });
+        }
+        if !is_scaled {
+            // Texels without a sample that may see another light stay as they are.
+            let texel = |entry: &Replaced| entry.sample as usize / self.samples;
+            let mut kept = 0;
+            let mut start = 0;
+            while start < replaced.len() {
+                let end = start + replaced[start..].partition_point(|e| texel(e) <= texel(&replaced[start]));
+                if replaced[start..end].iter().any(|entry| entry.is_crossed) {
+                    replaced.copy_within(start..end, kept);
+                    kept += end - start;
+                }
+                start = end;
+            }
+            replaced.truncate(kept);
+        }
+        if replaced.is_empty() {
+            return false;
+        }
+
+        // What does.
+        segments.clear();
+        segments_before.clear();
+        for Replaced { sample, old, new, is_crossed } in replaced.iter() {
+            let sample = &chunk.samples[*sample as usize];
+            let target = new.or(*old).expect("something arrives, before or after").target;
+            segments.push(segment(sample, target, after.far));
+            if *is_crossed {
+                segments_before.push(segment(sample, target, before.far));
+            }
+        }
+        for (version, segments, occluded) in [
+            (after, &*segments, &mut scratch.occluded),
+            (before, &*segments_before, &mut scratch.occluded_before),
+        ] {
+            occluded.clear();
+            occluded.resize(segments.len(), false);
+            version.rays.occluded_each(segments, occluded, &mut scratch.rays);
+        }
+        let mut touched = false;
+        let mut occluded_before = scratch.occluded_before.iter();
+        let seen = scratch.replaced.iter().zip(&scratch.occluded).map(|(entry, occluded)| {
+            let was_occluded =
+                if entry.is_crossed { occluded_before.next().expect("one for each") } else { occluded };
+            let (old, new) = (entry.old.filter(|_| !was_occluded), entry.new.filter(|_| !occluded));
+            (entry.sample as usize / self.samples, old, new)
+        });
+        let mut seen = seen.peekable();
+        while let Some(&(texel, ..)) = seen.peek() {
+            let alive = self.alive(chunk, texel);
+            let (mut values, mut values_before) = ([0f64; 12], [0f64; 12]);
+            while let Some((_, old, new)) = seen.next_if(|entry| entry.0 == texel) {
+                for (incident, values) in [(old, &mut values_before), (new, &mut values)] {
+                    if let Some(incident) = incident {
+                        add_incident(&incident, self.directional, values);
+                    }
+                }
+            }
+            let channels = if self.directional { 12 } else { 3 };
+            let own = &mut sums[texel * channels..(texel + 1) * channels];
+            for ((sum, value), before) in own.iter_mut().zip(values).zip(values_before) {
+                let [before, quanta] =
+                    [before, value].map(|value| self.fixed.quantise(value / alive, counts));
+                if before != quanta {
+                    accumulate(sum, -before, counts);
+                    accumulate(sum, quanta, counts);
+                    touched = true;
+                }
+            }
+        }
+        touched
+    }
+
+    /// What a light brings to a sample where nothing is in its way, and its surface faces it.
+    fn incident(
+        &self,
+        light: &VirtualLight,
+        place: ChunkPlace,
+        i: usize,
+        sample: &Sample,
+    ) -> Option<Incident> {
+        let receiver = place.first * self.samples as u32 + i as u32;
+        let [u, v, ..] = pcg4d([light.seed, receiver, 0x6c69_6768, 0]);
+        let incident =
+            light.incident(sample.position, sample.shading_normal(), [unit_f32(u), unit_f32(v)])?;
+        let towards = match incident.target {
+            Target::At(to) => to - sample.position,
+            Target::Toward(direction) => direction,
+        };
+        // The side that vertex normals don't know of.
+        (sample.geometric_normal().dot(towards) > 0.0).then_some(incident)
+    }
+
+    /// Samples of a texel that gather light.
+    fn alive(&self, chunk: &Chunk, texel: usize) -> f64 {
+        let of_texel = &chunk.samples[texel * self.samples..(texel + 1) * self.samples];
+        of_texel.iter().filter(|sample| !sample.is_dead()).count() as f64
+    }
+
     /// One light into one chunk; whether any of it came.
     #[expect(clippy::too_many_arguments, reason = "the inner loop's state, kept by the caller per thread")]
-    pub(super) fn contribution(
+    fn contribution(
         &self,
         contribution: &Contribution,
         sign: i64,
@@ -59,23 +238,10 @@ impl<R: LightmapRays> Gather<'_, R> {
         scratch.segments.clear();
         let light = &contribution.light;
         for (i, sample) in chunk.samples.iter().enumerate().filter(|(_, sample)| !sample.is_dead()) {
-            let receiver = place.first * self.samples as u32 + i as u32;
-            let [u, v, ..] = pcg4d([light.seed, receiver, 0x6c69_6768, 0]);
-            let Some(incident) =
-                light.incident(sample.position, sample.shading_normal(), [unit_f32(u), unit_f32(v)])
-            else {
-                continue;
-            };
-            let (to, towards) = match incident.target {
-                Target::At(to) => (to, to - sample.position),
-                Target::Toward(direction) => (sample.position + state.far * direction, direction),
-            };
-            // The side that vertex normals don't know of.
-            if sample.geometric_normal().dot(towards) <= 0.0 {
-                continue;
+            if let Some(incident) = self.incident(light, place, i, sample) {
+                scratch.incidents.push((i as u32, incident));
+                scratch.segments.push(segment(sample, incident.target, state.far));
             }
-            scratch.incidents.push((i as u32, incident));
-            scratch.segments.push(Segment { from: sample.position, to });
         }
         if scratch.incidents.is_empty() {
             return false;
@@ -90,8 +256,7 @@ impl<R: LightmapRays> Gather<'_, R> {
             scratch.incidents.iter().zip(&scratch.occluded).filter(|(_, occluded)| !**occluded).peekable();
         while let Some(&((first, _), _)) = arrived.peek() {
             let texel = *first as usize / self.samples;
-            let of_texel = &chunk.samples[texel * self.samples..(texel + 1) * self.samples];
-            let alive = of_texel.iter().filter(|sample| !sample.is_dead()).count();
+            let alive = self.alive(chunk, texel);
             let mut values = [0f64; 12];
             while let Some(((_, incident), _)) =
                 arrived.next_if(|((i, _), _)| *i as usize / self.samples == texel)
@@ -101,13 +266,22 @@ impl<R: LightmapRays> Gather<'_, R> {
             let channels = if self.directional { 12 } else { 3 };
             let own = &mut sums[texel * channels..(texel + 1) * channels];
             for (sum, value) in own.iter_mut().zip(values) {
-                let quanta = self.fixed.quantise(value / alive as f64, counts);
+                let quanta = self.fixed.quantise(value / alive, counts);
                 accumulate(sum, sign * quanta, counts);
                 touched |= quanta != 0;
             }
         }
         touched
     }
+}
+
+/// The shadow ray from a sample, `far` where the light is endlessly far.
+fn segment(sample: &Sample, target: Target, far: f32) -> Segment {
+    let to = match target {
+        Target::At(to) => to,
+        Target::Toward(direction) => sample.position + far * direction,
+    };
+    Segment { from: sample.position, to }
 }
 
 /// Y₀₀, and the factor of the direction's components in Y₁.

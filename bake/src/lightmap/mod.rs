@@ -23,6 +23,8 @@ mod parallel;
 mod receivers;
 mod seams;
 mod store;
+mod versions;
+mod work;
 
 pub use coverage::CoverageReport;
 pub use fixed_point::{FixedPoint, FixedPointCounts};
@@ -30,4 +32,5 @@ pub use gather::directional_irradiance;
 pub use images::{Image, ImageParams, StitchReport};
 pub use layout::{ChartedMesh, Layout, LayoutError, LayoutParams, MeshView, ObjectView, Placement};
 pub use receivers::{LightmapRays, ReceiverReport};
-pub use store::{Lightmap, LightmapError, LightmapParams, Published, Work};
+pub use store::{Lightmap, LightmapError, LightmapParams};
+pub use work::{Published, Work};

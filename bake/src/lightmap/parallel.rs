@@ -1,45 +1,33 @@
-//! Loops over chunks, on the caller's rayon pool where the feature is on. No result depends on it.
+//! Loops over chunks, each task with a memory of its own: [`lighttree::parallel`], a few chunks a task.
+
+/// Chunks of one task.
+const PART: usize = 4;
 
 /// `f(index, item, scratch)` of each item, in order.
-#[cfg(feature = "parallel")]
 pub(super) fn map<T: Sync, S, U: Send>(
     items: &[T],
     scratch: impl Fn() -> S + Sync + Send,
     f: impl Fn(usize, &T, &mut S) -> U + Sync + Send,
 ) -> Vec<U> {
-    use rayon::prelude::*;
-    items.par_iter().enumerate().with_min_len(4).map_init(scratch, |s, (i, item)| f(i, item, s)).collect()
-}
-
-/// `f(index, item, scratch)` of each item, in order.
-#[cfg(not(feature = "parallel"))]
-pub(super) fn map<T: Sync, S, U: Send>(
-    items: &[T],
-    scratch: impl Fn() -> S + Sync + Send,
-    f: impl Fn(usize, &T, &mut S) -> U + Sync + Send,
-) -> Vec<U> {
-    let mut scratch = scratch();
-    items.iter().enumerate().map(|(i, item)| f(i, item, &mut scratch)).collect()
+    let part = |(part, items): (usize, &[T])| -> Vec<U> {
+        let mut scratch = scratch();
+        items.iter().enumerate().map(|(i, item)| f(part * PART + i, item, &mut scratch)).collect()
+    };
+    lighttree::parallel::map(items.chunks(PART).enumerate().collect(), part).into_iter().flatten().collect()
 }
 
 /// As [`map`], for items that change.
-#[cfg(feature = "parallel")]
 pub(super) fn map_mut<T: Send, S, U: Send>(
     items: &mut [T],
     scratch: impl Fn() -> S + Sync + Send,
     f: impl Fn(usize, &mut T, &mut S) -> U + Sync + Send,
 ) -> Vec<U> {
-    use rayon::prelude::*;
-    items.par_iter_mut().enumerate().with_min_len(4).map_init(scratch, |s, (i, item)| f(i, item, s)).collect()
-}
-
-/// As [`map`], for items that change.
-#[cfg(not(feature = "parallel"))]
-pub(super) fn map_mut<T: Send, S, U: Send>(
-    items: &mut [T],
-    scratch: impl Fn() -> S + Sync + Send,
-    f: impl Fn(usize, &mut T, &mut S) -> U + Sync + Send,
-) -> Vec<U> {
-    let mut scratch = scratch();
-    items.iter_mut().enumerate().map(|(i, item)| f(i, item, &mut scratch)).collect()
+    let part = |(part, items): (usize, &mut [T])| -> Vec<U> {
+        let mut scratch = scratch();
+        items.iter_mut().enumerate().map(|(i, item)| f(part * PART + i, item, &mut scratch)).collect()
+    };
+    lighttree::parallel::map(items.chunks_mut(PART).enumerate().collect(), part)
+        .into_iter()
+        .flatten()
+        .collect()
 }

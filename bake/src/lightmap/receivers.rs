@@ -18,6 +18,9 @@ use super::coverage::Site;
 use super::layout::{ChartedMesh, Placement};
 
 /// Rays as a lightmap needs them: [`RayQueries`], and which side of a surface was met.
+///
+/// Whether a segment is occluded must depend on the surfaces alone that it comes near: not on how a tree over them was built, nor on what else is asked. Then a segment that
+/// crosses no box of anything that moved has the same answer in the next version, and is not asked again.
 pub trait LightmapRays: RayQueries + Sync {
     /// Whether `hit` of `ray` is the back of a surface that has solid matter behind it. Always false for surfaces that are lit from both sides: such
     /// a surface has no inside.

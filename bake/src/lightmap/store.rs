@@ -1,22 +1,20 @@
-//! The lightmap itself: texels, their sums of light, and the updates that change them.
+//! The lightmap itself: texels and their sums of light.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use glam::{Affine3A, Vec3};
+use glam::Vec3;
 
 use super::coverage::{CoverageReport, Site, cover, sample_positions};
 use super::fixed_point::{FixedPoint, FixedPointCounts};
-use super::gather::{Gather, Scratch};
 use super::layout::{Layout, LayoutError, LayoutParams, MeshView, ObjectView, Placement};
-use super::parallel;
-use super::receivers::{LightmapRays, ReceiverReport, Sample, Standing};
-use crate::{Contribution, GeometryVersion, Update};
+use super::receivers::{LightmapRays, ReceiverReport};
+use super::versions::{Chunk, Version, bounds};
+use super::work::{Job, Published};
+use crate::{Contribution, GeometryVersion};
 
 /// Texels that are worked on together, neighbours on one object.
 pub(super) const CHUNK: usize = 64;
-/// Chunks between two looks at the clock.
-const BATCH: usize = 64;
 
 /// How a lightmap is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,7 +36,7 @@ impl Default for LightmapParams {
     }
 }
 
-/// A lightmap that is changed by [`Update`]s and comes back to the same bits when they are undone. `R` answers rays, one for each version of
+/// A lightmap that is changed by [`Update`](crate::Update)s and comes back to the same bits when they are undone. `R` answers rays, one for each version of
 /// the geometry.
 ///
 /// # Memory
@@ -47,31 +45,31 @@ impl Default for LightmapParams {
 /// chunks that it has in common with the next.
 pub struct Lightmap<R> {
     pub(super) layout: Layout,
-    meshes: Vec<HostMesh>,
-    host_mesh: Vec<u32>,
-    samples: u32,
-    directional: bool,
+    pub(super) meshes: Vec<HostMesh>,
+    pub(super) host_mesh: Vec<u32>,
+    pub(super) samples: u32,
+    pub(super) directional: bool,
     pub(super) chunks: Vec<ChunkPlace>,
     pub(super) pixels: Vec<[u16; 2]>,
-    sites: Vec<Site>,
-    coverage: CoverageReport,
-    fixed: FixedPoint,
-    sums: Vec<Box<[i64]>>,
-    counts: FixedPointCounts,
-    versions: BTreeMap<GeometryVersion, Version<R>>,
-    current: Option<GeometryVersion>,
-    job: Option<Job>,
-    front: Arc<Published>,
-    updates: u64,
-    accumulations: u64,
+    pub(super) sites: Vec<Site>,
+    pub(super) coverage: CoverageReport,
+    pub(super) fixed: FixedPoint,
+    pub(super) sums: Vec<Box<[i64]>>,
+    pub(super) counts: FixedPointCounts,
+    pub(super) versions: BTreeMap<GeometryVersion, Version<R>>,
+    pub(super) current: Option<GeometryVersion>,
+    pub(super) job: Option<Job>,
+    pub(super) front: Arc<Published>,
+    pub(super) updates: u64,
+    pub(super) accumulations: u64,
 }
 
 /// Vertices that stay as the host had them.
-struct HostMesh {
-    positions: Vec<Vec3>,
-    normals: Vec<Vec3>,
-    min: Vec3,
-    max: Vec3,
+pub(super) struct HostMesh {
+    pub(super) positions: Vec<Vec3>,
+    pub(super) normals: Vec<Vec3>,
+    pub(super) min: Vec3,
+    pub(super) max: Vec3,
 }
 
 /// Where a chunk's texels are.
@@ -87,41 +85,6 @@ impl ChunkPlace {
     pub(super) fn texels(&self) -> core::ops::Range<usize> {
         self.first as usize..(self.first + self.count) as usize
     }
-}
-
-/// A chunk in the world under some versions.
-pub(super) struct Chunk {
-    min: Vec3,
-    max: Vec3,
-    pub(super) samples: Box<[Sample]>,
-}
-
-/// One state of the geometry, for as long as something in the map was lit under it.
-pub(super) struct Version<R> {
-    pub(super) rays: R,
-    objects: Vec<Option<Affine3A>>,
-    pub(super) chunks: Vec<Option<Arc<Chunk>>>,
-    /// Longer than any way out of the scene.
-    pub(super) far: f32,
-    /// Contributions in the map that name this version.
-    live: u64,
-    report: ReceiverReport,
-}
-
-/// An update under way: it is in the sums of the first chunks.
-struct Job {
-    update: Update,
-    next: usize,
-    touched: Vec<bool>,
-}
-
-/// What readers see: the light of every texel after a whole number of updates.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Published {
-    /// Updates that it holds.
-    pub updates: u64,
-    /// Values by texel: three of irradiance, W·m⁻², or twelve of radiance in spherical harmonics (coefficient by coefficient, RGB each, W·m⁻²·sr⁻¹).
-    pub values: Vec<f32>,
 }
 
 /// Why an update or a geometry cannot be taken.
@@ -174,15 +137,6 @@ impl core::fmt::Display for LightmapError {
 }
 
 impl core::error::Error for LightmapError {}
-
-/// Whether there is more to do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Work {
-    /// Nothing is under way; readers see every update.
-    Done,
-    /// An update is in the sums in part; readers see none of it.
-    UnderWay,
-}
 
 impl<R: LightmapRays> Lightmap<R> {
     /// A black lightmap for `objects`, and charts for them.
@@ -241,247 +195,6 @@ impl<R: LightmapRays> Lightmap<R> {
             accumulations: 0,
             layout,
         })
-    }
-
-    /// Takes a new state of the geometry, under which light is added from now on: rays, and where objects stand (`None`: absent). Receivers are made
-    /// anew for objects that moved and for what the boxes of these touch, before or after; all others are shared with the last version.
-    ///
-    /// A version is let go of at the end of an update once nothing in the map was lit under it and another one is current.
-    ///
-    /// # Errors
-    /// A wrong number of objects, a version that is there already, an update under way.
-    pub fn set_geometry(
-        &mut self,
-        version: GeometryVersion,
-        rays: R,
-        objects: &[Option<Affine3A>],
-    ) -> Result<(), LightmapError> {
-        if self.job.is_some() {
-            return Err(LightmapError::Busy);
-        }
-        if objects.len() != self.host_mesh.len() {
-            return Err(LightmapError::Objects { expected: self.host_mesh.len(), given: objects.len() });
-        }
-        if self.versions.contains_key(&version) {
-            return Err(LightmapError::Again { version });
-        }
-        let last = self.current.and_then(|current| self.versions.get(&current));
-
-        // What changed, as boxes.
-        let mut changed = Vec::new();
-        for (object, now) in objects.iter().enumerate() {
-            let before = last.and_then(|last| last.objects[object]);
-            if before != *now {
-                changed.extend([before, *now].into_iter().flatten().map(|at| self.world_box(object, at)));
-            }
-        }
-        let all = objects.iter().enumerate().filter_map(|(o, at)| at.map(|at| self.world_box(o, at)));
-        let (min, max) =
-            all.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), (c, d)| (a.min(c), b.max(d)));
-        let far = if min.cmple(max).all() { 2.0 * (max - min).length() + f32::MIN_POSITIVE } else { 1.0 };
-
-        let made = parallel::map(&self.chunks, R::Scratch::default, |index, place, scratch| {
-            let at = objects[place.object as usize]?;
-            let mut report = ReceiverReport::default();
-            if let Some(last) = last
-                && last.objects[place.object as usize] == Some(at)
-                && let Some(chunk) = &last.chunks[index]
-                && !changed
-                    .iter()
-                    .any(|(min, max)| chunk.min.cmple(*max).all() && chunk.max.cmpge(*min).all())
-            {
-                return Some((Arc::clone(chunk), report));
-            }
-            let chunk = self.chunk(place, at, &rays, scratch, &mut report);
-            Some((Arc::new(chunk), report))
-        });
-        let mut report = ReceiverReport::default();
-        let chunks = made.into_iter().map(|made| {
-            made.map(|(chunk, part)| {
-                report += part;
-                chunk
-            })
-        });
-        let chunks = chunks.collect();
-        let objects = objects.to_vec();
-        self.versions.insert(version, Version { rays, objects, chunks, far, live: 0, report });
-        self.current = Some(version);
-        Ok(())
-    }
-
-    fn world_box(&self, object: usize, at: Affine3A) -> (Vec3, Vec3) {
-        let mesh = &self.meshes[self.host_mesh[object] as usize];
-        let corner = |i: u32| {
-            let pick = |bit: u32, low: f32, high: f32| if i & bit == 0 { low } else { high };
-            let (min, max) = (mesh.min, mesh.max);
-            at.transform_point3(Vec3::new(
-                pick(1, min.x, max.x),
-                pick(2, min.y, max.y),
-                pick(4, min.z, max.z),
-            ))
-        };
-        bounds((0..8).map(corner))
-    }
-
-    /// A chunk's samples where its object stands now.
-    fn chunk(
-        &self,
-        place: &ChunkPlace,
-        to_world: Affine3A,
-        rays: &R,
-        scratch: &mut R::Scratch,
-        report: &mut ReceiverReport,
-    ) -> Chunk {
-        let placement = self.layout.objects[place.object as usize].as_ref().expect("a chunk has texels");
-        let mesh = &self.meshes[self.host_mesh[place.object as usize] as usize];
-        let standing = Standing {
-            mesh: &self.layout.meshes[placement.charted as usize],
-            positions: &mesh.positions,
-            normals: &mesh.normals,
-            placement,
-            to_world,
-        };
-        let texels = place.texels();
-        let sites = &self.sites[texels.start * self.samples as usize..texels.end * self.samples as usize];
-        let samples: Box<[Sample]> =
-            sites.iter().map(|&site| standing.sample(site, rays, scratch, report)).collect();
-        let (min, max) = bounds(samples.iter().map(|sample| sample.position));
-        // What comes within a texel of a sample may push it.
-        let reach = sites.iter().map(|&site| standing.texel_length(site)).fold(f32::MIN_POSITIVE, f32::max);
-        let reach = Vec3::splat(reach);
-        Chunk { min: min - reach, max: max + reach, samples }
-    }
-
-    /// Begins an update. [`work`](Self::work) carries it out.
-    ///
-    /// # Errors
-    /// An update under way, or a version that isn't held.
-    pub fn begin(&mut self, update: Update) -> Result<(), LightmapError> {
-        self.check(&update)?;
-        let touched = vec![false; self.chunks.len()];
-        self.job = Some(Job { update, next: 0, touched });
-        Ok(())
-    }
-
-    fn check(&self, update: &Update) -> Result<(), LightmapError> {
-        if self.job.is_some() {
-            return Err(LightmapError::Busy);
-        }
-        let all = update.subtract.iter().chain(&update.add);
-        match all.map(|c| c.version).find(|version| !self.versions.contains_key(version)) {
-            Some(version) => Err(LightmapError::Version { version }),
-            None => Ok(()),
-        }
-    }
-
-    /// Works on the update under way for as long as `keep_going` says so, asked every few thousand texels; at least that much is done. Readers see the
-    /// update when all of it is done, and nothing of it before.
-    pub fn work(&mut self, mut keep_going: impl FnMut() -> bool) -> Work {
-        let Some(mut job) = self.job.take() else { return Work::Done };
-        while job.next < self.chunks.len() {
-            let batch = job.next..(job.next + BATCH).min(self.chunks.len());
-            self.accumulate(&mut job, batch.clone());
-            job.next = batch.end;
-            if job.next < self.chunks.len() && !keep_going() {
-                self.job = Some(job);
-                return Work::UnderWay;
-            }
-        }
-        self.note(&job.update);
-        self.publish(&job.touched);
-        Work::Done
-    }
-
-    /// [`begin`](Self::begin) and [`work`](Self::work) to the end.
-    ///
-    /// # Errors
-    /// As [`begin`](Self::begin).
-    pub fn apply(&mut self, update: &Update) -> Result<(), LightmapError> {
-        self.begin(update.clone())?;
-        self.work(|| true);
-        Ok(())
-    }
-
-    /// Counts contributions, and lets versions go that none names any more.
-    fn note(&mut self, update: &Update) {
-        for contribution in &update.add {
-            if let Some(version) = self.versions.get_mut(&contribution.version) {
-                version.live += 1;
-            }
-        }
-        for contribution in &update.subtract {
-            if let Some(version) = self.versions.get_mut(&contribution.version) {
-                version.live = version.live.saturating_sub(1);
-            }
-        }
-        self.updates += 1;
-        self.accumulations += update.accumulations() as u64;
-        self.let_go();
-    }
-
-    fn let_go(&mut self) {
-        let current = self.current;
-        self.versions.retain(|&version, state| state.live > 0 || Some(version) == current);
-    }
-
-    /// All contributions of the job into a range of chunks.
-    fn accumulate(&mut self, job: &mut Job, batch: core::ops::Range<usize>) {
-        let gather = Gather {
-            versions: &self.versions,
-            samples: self.samples as usize,
-            fixed: self.fixed,
-            directional: self.directional,
-        };
-        let sums = &mut self.sums[batch.clone()];
-        let places = &self.chunks[batch.clone()];
-        let done = parallel::map_mut(sums, Scratch::<R>::default, |i, sums, scratch| {
-            let (index, place) = (batch.start + i, places[i]);
-            let mut counts = FixedPointCounts::default();
-            let mut touched = false;
-            for contribution in &job.update.subtract {
-                touched |= gather.contribution(contribution, -1, index, place, sums, scratch, &mut counts);
-            }
-            for contribution in &job.update.add {
-                touched |= gather.contribution(contribution, 1, index, place, sums, scratch, &mut counts);
-            }
-            (touched, counts)
-        });
-        for (index, (touched, counts)) in batch.zip(done) {
-            job.touched[index] = touched;
-            self.counts += counts;
-        }
-    }
-
-    /// Shows readers the sums of the chunks that changed.
-    fn publish(&mut self, touched: &[bool]) {
-        // In place where nobody looks; a reader that still does keeps what it has.
-        if Arc::get_mut(&mut self.front).is_none() {
-            self.front = Arc::new(Published::clone(&self.front));
-        }
-        let channels = self.channels();
-        let (fixed, updates) = (self.fixed, self.updates);
-        let Some(front) = Arc::get_mut(&mut self.front) else { unreachable!("nobody else has it yet") };
-        front.updates = updates;
-        for ((place, sums), _) in
-            self.chunks.iter().zip(&self.sums).zip(touched).filter(|(_, touched)| **touched)
-        {
-            let texels = place.texels();
-            let values = &mut front.values[texels.start * channels..texels.end * channels];
-            for (value, &sum) in values.iter_mut().zip(sums) {
-                *value = fixed.value(sum) as f32;
-            }
-        }
-    }
-
-    /// Whether any sample of a texel gathers light under the current geometry.
-    pub(super) fn is_alive(&self, texel: usize, chunk: usize) -> bool {
-        let state = self.current.and_then(|current| self.versions.get(&current));
-        let Some(Some(chunk_in_world)) = state.map(|state| state.chunks[chunk].as_ref()) else {
-            return false;
-        };
-        let samples = self.samples as usize;
-        let at = (texel - self.chunks[chunk].first as usize) * samples;
-        chunk_in_world.samples[at..at + samples].iter().any(|sample| !sample.is_dead())
     }
 }
 
@@ -620,10 +333,6 @@ impl<R> Lightmap<R> {
     pub(super) fn placement(&self, object: u32) -> &Placement {
         self.layout.objects[object as usize].as_ref().expect("a chunk has texels")
     }
-}
-
-fn bounds(points: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
-    points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)))
 }
 
 /// Column and row of a texel on its page.

@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "each test file uses a part")]
 
+use core::sync::atomic::{AtomicUsize, Ordering};
+
 use bake::lightmap::{Lightmap, LightmapParams, LightmapRays, MeshView, ObjectView};
 use bake::{Contribution, GeometryVersion, Update, VirtualLight};
 use glam::{Affine3A, DVec3, Vec3};
@@ -47,8 +49,8 @@ impl Mesh {
     }
 }
 
-/// Every triangle, asked one after the other, in f64.
-pub(crate) struct Soup(Vec<[DVec3; 3]>);
+/// Every triangle, asked one after the other, in f64; and how many shadow rays were asked.
+pub(crate) struct Soup(Vec<[DVec3; 3]>, AtomicUsize);
 
 impl Soup {
     pub(crate) fn new(meshes: &[Mesh], objects: &[Option<Affine3A>]) -> Self {
@@ -58,7 +60,11 @@ impl Soup {
                 .iter()
                 .map(move |t| t.map(|v| at.transform_point3(mesh.positions[v as usize]).as_dvec3()))
         });
-        Self(triangles.collect())
+        Self(triangles.collect(), AtomicUsize::new(0))
+    }
+
+    pub(crate) fn asked(&self) -> usize {
+        self.1.load(Ordering::Relaxed)
     }
 
     fn hit(&self, i: usize, ray: &Ray) -> Option<RayHit> {
@@ -93,6 +99,7 @@ impl RayQueries for Soup {
     }
 
     fn occluded(&self, segment: &Segment, (): &mut ()) -> bool {
+        self.1.fetch_add(1, Ordering::Relaxed);
         let direction = segment.to - segment.from;
         let ray = Ray { origin: segment.from, direction, t_max: 1.0 };
         (0..self.0.len()).any(|i| self.hit(i, &ray).is_some())

@@ -1,0 +1,314 @@
+//! Where light is looked at: which updates a viewer would miss most.
+//!
+//! Luksch, Wimmer and Schwärzler 2019 leave this open (section 7). Here a cluster counts as much as its update will change at what is looked at: the irradiance of its
+//! lights as they are baked, with the shadow rays of that time, against that of the flux it has now, with the shadow rays of now. Only rays that cross the box of something that
+//! moved are asked again. Flux of paths that end elsewhere, which the paper goes by, is what some dozen paths a cluster say, wherever they lead.
+
+use core::f32::consts::{FRAC_1_PI, PI};
+
+use glam::{DVec3, Vec3};
+use lighttree::Ray;
+use lighttree::rng::{pcg4d, unit_f32};
+
+use crate::baker::{Baker, Lamp};
+use crate::forest::{Node, Place};
+use crate::sums::{GRID, Sums, Units};
+use crate::trace::Trace;
+use crate::validate::crosses;
+use crate::{BakeError, Bounds, Contribution, GeometryVersion, Shape, Target};
+
+/// Points that are looked at, with their unit normals, and what moved.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Attention {
+    points: Vec<(Vec3, Vec3)>,
+    /// Boxes of what moved, with the version that it moved in, in order.
+    moved: Vec<(GeometryVersion, Bounds)>,
+    /// The version that all views are of; none before any was made.
+    seen: Option<GeometryVersion>,
+}
+
+/// What the points see of the lights of one cluster: irradiance, W·m⁻², mean of the channels.
+#[derive(Clone, Debug)]
+pub(crate) struct Views {
+    /// As it is baked.
+    baked: Vec<f32>,
+    /// As the same lights would be now.
+    now: Vec<f32>,
+    /// Of each light, which points see it now.
+    masks: Vec<u64>,
+    /// What "now" is.
+    version: GeometryVersion,
+}
+
+/// What of a cluster is out of date, in units of flux.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Invalid<'a> {
+    /// Flux when it was baked.
+    pub(crate) flux_at_bake: i64,
+    /// Flux of paths that end elsewhere now, or of a lamp that is elsewhere.
+    pub(crate) absolute: i64,
+    /// What is seen of it, if it is baked and anybody looks.
+    pub(crate) views: Option<&'a Views>,
+}
+
+/// The most points that are looked at.
+const MOST_POINTS: usize = u64::BITS as usize;
+
+impl Attention {
+    pub(crate) fn log(&mut self, version: GeometryVersion, bounds: Bounds) {
+        if !self.points.is_empty() {
+            self.moved.push((version, bounds));
+        }
+    }
+
+    /// Whether views are to be brought up to date.
+    pub(crate) fn is_behind(&self, version: GeometryVersion) -> bool {
+        !self.points.is_empty() && self.seen != Some(version)
+    }
+
+    /// All views are of this version.
+    pub(crate) fn has_seen(&mut self, version: GeometryVersion) {
+        self.seen = Some(version);
+        self.moved.clear();
+    }
+
+    /// What is seen of lights that are baked now.
+    pub(crate) fn look(
+        &self,
+        lights: &[Contribution],
+        version: GeometryVersion,
+        trace: &Trace<'_>,
+    ) -> Option<Box<Views>> {
+        if self.points.is_empty() || lights.is_empty() {
+            return None;
+        }
+        let none = vec![0.0; self.points.len()];
+        let masks = vec![0; lights.len()];
+        let mut views = Views { baked: Vec::new(), now: none, masks, version };
+        self.ask(&mut views, lights, trace, |_| true);
+        views.baked.clone_from(&views.now);
+        Some(Box::new(views))
+    }
+
+    /// Brings views up to date, asking again what crosses something that moved.
+    pub(crate) fn look_again(
+        &self,
+        views: &mut Views,
+        lights: &[Contribution],
+        version: GeometryVersion,
+        trace: &Trace<'_>,
+    ) {
+        let since = self.moved.partition_point(|&(moved, _)| moved <= views.version);
+        let moved = &self.moved[since..];
+        views.version = version;
+        self.ask(views, lights, trace, |&(from, to)| {
+            moved.iter().any(|(_, bounds)| crosses(bounds, from, to, false))
+        });
+    }
+
+    /// Asks whether points see lights, and changes the views by what is seen otherwise than before.
+    fn ask(
+        &self,
+        views: &mut Views,
+        lights: &[Contribution],
+        trace: &Trace<'_>,
+        is_asked: impl Fn(&(Vec3, Vec3)) -> bool,
+    ) {
+        let (mut asked, mut rays) = (Vec::new(), Vec::new());
+        for (number, Contribution { light, .. }) in lights.iter().enumerate() {
+            for (i, &(position, normal)) in self.points.iter().enumerate() {
+                let [u, v, ..] = pcg4d([light.seed, i as u32, 0x6c6f_6f6b, 0]);
+                let Some(incident) = light.incident(position, normal, [unit_f32(u), unit_f32(v)]) else {
+                    continue;
+                };
+                let (direction, distance) = match incident.target {
+                    Target::At(to) => ((to - position).normalize_or_zero(), to.distance(position)),
+                    Target::Toward(direction) => (direction, f32::INFINITY),
+                };
+                let to = position + direction * distance.min(1e30);
+                if direction != Vec3::ZERO && is_asked(&(position, to)) {
+                    asked.push((number, i, incident.irradiance.element_sum() / 3.0, distance));
+                    rays.push(Ray { origin: position, direction, t_max: f32::INFINITY });
+                }
+            }
+        }
+        let mut hits = vec![None; rays.len()];
+        trace(&rays, &mut hits);
+        for ((number, i, irradiance, distance), hit) in asked.into_iter().zip(hits) {
+            // Nearly at the light is at it: it lies just off its surface.
+            let is_seen =
+                hit.is_none_or(|hit| hit.position.distance(self.points[i].0) >= (1.0 - 1e-3) * distance);
+            let was_seen = views.masks[number] >> i & 1 != 0;
+            if is_seen != was_seen {
+                views.masks[number] ^= 1 << i;
+                views.now[i] += if is_seen { irradiance } else { -irradiance };
+            }
+        }
+    }
+
+    /// How much an update of the node will change, and of how much: irradiance at the points; or flux, where nobody looks.
+    pub(crate) fn worth(
+        &self,
+        node: &Node,
+        invalid: &Invalid<'_>,
+        units: &Units,
+        lamp: Option<&Lamp>,
+    ) -> (f64, f64) {
+        let flux = node.sums.flux;
+        if self.points.is_empty() {
+            let any = (flux - invalid.flux_at_bake).abs().saturating_add(invalid.absolute);
+            return (any as f64, flux.max(invalid.flux_at_bake) as f64);
+        }
+        let of_points = |at: &dyn Fn(usize) -> f64| {
+            let squares: f64 = (0..self.points.len()).map(|i| at(i).powi(2)).sum();
+            (squares / self.points.len() as f64).sqrt()
+        };
+        let scale = flux as f64 / invalid.flux_at_bake.max(1) as f64;
+        // A lamp that moved brings other light, as one that is new.
+        let comes_anew = matches!(node.place, Place::Piece { .. }) && invalid.absolute > 0;
+        match invalid.views {
+            Some(views) if !comes_anew => {
+                let now = |i: usize| scale * f64::from(views.now[i]);
+                let baked = |i: usize| f64::from(views.baked[i]);
+                (of_points(&|i| now(i) - baked(i)), of_points(&|i| now(i).max(baked(i))))
+            }
+            views => {
+                let source = Source::of_node(node, units, lamp);
+                let comes = flux as f64 * units.flux;
+                let goes = |i: usize| views.map_or(0.0, |views| f64::from(views.baked[i]));
+                let all = of_points(&|i| goes(i) + comes * f64::from(source.reaches(self.points[i])));
+                (all, all)
+            }
+        }
+    }
+}
+
+/// A cluster as seen from afar.
+struct Source {
+    position: Vec3,
+    /// Mean normal: shorter where normals differ, and nothing for what shines every way.
+    normal: Vec3,
+    radius: f32,
+}
+
+impl Source {
+    fn of_sums(sums: &Sums, units: &Units) -> Self {
+        let position = (units.origin + sums.mean_position() * units.length).as_vec3();
+        Self { position, normal: sums.mean_normal().as_vec3(), radius: (sums.radius() * units.length) as f32 }
+    }
+
+    fn of_node(node: &Node, units: &Units, lamp: Option<&Lamp>) -> Self {
+        match (node.place, lamp) {
+            (Place::Piece { piece, .. }, Some(lamp)) => {
+                let piece = &lamp.tree.pieces[piece as usize];
+                Self::of_shape(&piece.shape, piece.size as f32, units)
+            }
+            _ => Self::of_sums(&node.sums, units),
+        }
+    }
+
+    fn of_shape(shape: &Shape, radius: f32, units: &Units) -> Self {
+        let all_ways = |position| Self { position, normal: Vec3::ZERO, radius };
+        match shape {
+            Shape::Point { position, .. } => all_ways(*position),
+            Shape::Sphere { center, .. } => all_ways(*center),
+            Shape::ShapedPolygon { polygon, .. } => all_ways(polygon.centroid()),
+            Shape::Disk { position, normal, .. } => Self { position: *position, normal: *normal, radius },
+            Shape::Polygon(polygon) | Shape::Patch { polygon, .. } => {
+                Self { position: polygon.centroid(), normal: polygon.normal(), radius }
+            }
+            // A disk above the world, whose watts are those that come in.
+            Shape::Sky { frame, .. } => {
+                let side = (units.length * f64::from(GRID)) as f32;
+                let middle = (units.origin + DVec3::splat(0.5 * f64::from(side))).as_vec3();
+                let up = *frame * Vec3::Z;
+                Self { position: middle + side * up, normal: -up, radius: side }
+            }
+        }
+    }
+
+    /// Irradiance of a watt, m⁻²: Lambertian for what the normals agree in, even for the rest, and as on the axis of a disk where it is near.
+    fn reaches(&self, (point, normal): (Vec3, Vec3)) -> f32 {
+        let towards = self.position - point;
+        let squared = towards.length_squared() + self.radius * self.radius;
+        if squared <= 0.0 {
+            return 0.0;
+        }
+        let direction = towards / squared.sqrt();
+        // A part of what is large is above the horizon, though its middle is not.
+        let widening = self.radius / squared.sqrt();
+        let cos = (normal.dot(direction) + widening).clamp(0.0, 1.0);
+        let agreed = self.normal.length();
+        let lambert = (self.normal.dot(-direction) + widening * agreed).clamp(0.0, agreed) * FRAC_1_PI;
+        let even = (1.0 - agreed).max(0.0) / (4.0 * PI);
+        cos * (lambert + even) / squared
+    }
+}
+
+impl Baker {
+    /// Says what is looked at: points just off surfaces, and unit normals; 64 of what a camera sees, say (of more, 64 are taken evenly). From now on updates come first that
+    /// will change most there; without points (as at first) those of the most invalid flux. The next [`step`](Self::step) asks a ray for each point and each baked light, as
+    /// later ones do for lights that they bake; so say it before an edit, and again when the camera has moved far. Where the bake ends does not depend on it, and it is not saved.
+    ///
+    /// # Errors
+    /// [`BakeError::Watched`]: a point that is not finite, or a normal that is not of unit length. Then nothing has changed.
+    pub fn watch(&mut self, points: &[(Vec3, Vec3)]) -> Result<(), BakeError> {
+        let sound = |(point, normal): &(Vec3, Vec3)| {
+            point.is_finite() && (normal.length_squared() - 1.0).abs() < 0.01
+        };
+        if let Some(index) = points.iter().position(|point| !sound(point)) {
+            return Err(BakeError::Watched { index });
+        }
+        let count = points.len().min(MOST_POINTS);
+        let evenly = (0..count).map(|i| points[i * points.len() / count]);
+        self.attention = Attention { points: evenly.collect(), ..Attention::default() };
+        self.cut.forget_views();
+        self.refresh();
+        Ok(())
+    }
+}
+
+impl Sums {
+    /// Mean position of members, in units of length; the origin where there are none.
+    fn mean_position(&self) -> DVec3 {
+        let [x, y, z] = self.positions();
+        DVec3::new(x, y, z) / f64::from(self.count.max(1))
+    }
+}
+
+impl Baker {
+    /// Brings what is seen of all baked lights up to date with the geometry.
+    pub(crate) fn look_around(&mut self, trace: &Trace<'_>) {
+        if !self.attention.is_behind(self.version) {
+            return;
+        }
+        for state in &mut self.cut.states {
+            match &mut state.views {
+                Some(views) => self.attention.look_again(views, &state.baked, self.version, trace),
+                none => *none = self.attention.look(&state.baked, self.version, trace),
+            }
+        }
+        self.attention.has_seen(self.version);
+        self.cut.touch_all();
+        self.refresh();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Behind a wall, or above a lamp's back, nobody misses a light; near ones are missed more.
+    #[test]
+    fn what_is_near_and_faces_the_viewer_counts() {
+        let source = |x: f32, normal: Vec3| Source { position: Vec3::new(x, 2.0, 0.0), normal, radius: 0.1 };
+        let floor = (Vec3::ZERO, Vec3::Y);
+        let facing = source(0.0, Vec3::NEG_Y).reaches(floor);
+        assert!((facing - 1.0 / (4.01 * PI)).abs() < 0.02 * facing, "{facing}");
+        assert_eq!(source(0.0, Vec3::Y).reaches(floor), 0.0);
+        assert_eq!(source(0.0, Vec3::NEG_Y).reaches((Vec3::ZERO, Vec3::NEG_Y)), 0.0);
+        assert!(source(3.0, Vec3::NEG_Y).reaches(floor) < 0.2 * facing);
+        let bulb = source(0.0, Vec3::ZERO).reaches(floor);
+        assert!((bulb - facing / 4.0).abs() < 0.1 * bulb, "{bulb}");
+    }
+}

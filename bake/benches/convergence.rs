@@ -239,7 +239,7 @@ fn plot(name: &str, cases: &[Case]) -> String {
             for ((curve, color), label) in [&case.by_flux, &case.in_order]
                 .into_iter()
                 .zip(COLORS)
-                .zip(["by invalid flux", "first in, first out"])
+                .zip(["largest change first", "first in, first out"])
             {
                 // A few hundred points show all there is.
                 let every = (curve.len() / 300).max(1);

@@ -288,8 +288,8 @@ pub(crate) fn finish(
     }
 }
 
-/// CPU time of this thread, which other work on the machine does not stretch.
+/// CPU time of all threads of this program, which other work on the machine does not stretch.
 pub(crate) fn cpu_time() -> Duration {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
 }

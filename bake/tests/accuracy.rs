@@ -3,7 +3,7 @@
 mod common;
 
 use bake::{BakeParams, Baker, GeometryVersion, LightKey, Shape, VirtualLight};
-use common::{Receivers, World, finish, lamp, params, room};
+use common::{Receivers, Solid, World, finish, lamp, params, room, solid};
 use glam::Vec3;
 use lighttree::Ray;
 use lighttree::rng::Random;
@@ -41,17 +41,45 @@ fn path_traced(world: &World, light: &VirtualLight, at: (Vec3, Vec3), bounces: u
     sum / f64::from(paths)
 }
 
+/// A room parted by a wall with a door in it: half of the floor has no light but by way of the other.
+fn door() -> World {
+    let mut world = room();
+    let walls = world.versions.get_mut(&GeometryVersion(0)).unwrap();
+    walls[1] = Some(solid([1.0, 0.0, -5.0], [1.3, 4.0, -1.0], 0.7));
+    walls[2] = Some(solid([1.0, 0.0, 1.0], [1.3, 4.0, 5.0], 0.7));
+    world
+}
+
+/// A yard under the open sky: what goes up is lost.
+fn yard() -> World {
+    let floor = solid([-5.0, -0.5, -5.0], [5.0, 0.0, 5.0], 0.5);
+    let pillar = |x: f32, z: f32| solid([x, 0.0, z], [x + 0.8, 3.0, z + 0.8], 0.8);
+    World::new(vec![floor, pillar(-3.0, -3.0), pillar(2.0, -2.5), pillar(-2.5, 2.0), pillar(2.5, 2.5)])
+}
+
 /// Mean irradiance over the floor, within 2 % of path tracing; and no point far off.
 #[test]
 fn irradiance_is_that_of_paths() {
-    let world = room();
-    for (bounces, clusters) in [(1, 400), (4, 400), (4, 3000)] {
+    for (name, world, bounces, clusters) in [
+        ("room", room(), 1, 400),
+        ("room", room(), 4, 400),
+        ("room", room(), 4, 3000),
+        ("door", door(), 4, 1000),
+        ("yard", yard(), 4, 1000),
+    ] {
         let mut baker = Baker::new(BakeParams { bounces, clusters, ..params(0.005) }).unwrap();
-        baker.add_light(LightKey(1), lamp([0.5, 3.9, 0.0], 100.0, 20_000)).unwrap();
+        baker.add_light(LightKey(1), lamp([-0.5, 3.9, 0.0], 100.0, 20_000)).unwrap();
         let mut baked = Receivers::plane([-4.8, -4.8], [4.8, 4.8], 1e-3, 9);
+        // Not inside a solid.
+        baked.points.retain(|(at, _)| {
+            let is_in =
+                |solid: &Solid| !solid.inside_out && at.cmpgt(solid.min).all() && at.cmplt(solid.max).all();
+            !world.solids().iter().flatten().any(is_in)
+        });
+        baked.sums.truncate(baked.points.len());
         finish(&mut baker, &world, &mut baked);
         let corners =
-            [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]].map(|[x, z]| Vec3::new(x + 0.5, 3.9, z));
+            [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]].map(|[x, z]| Vec3::new(x - 0.5, 3.9, z));
         let polygon = bake::Polygon::new(&corners).unwrap();
         let light = VirtualLight { shape: Shape::Polygon(polygon), flux: Vec3::splat(100.0), seed: 0 };
         let (mut sum, mut expected, mut squares) = (0.0, 0.0, 0.0);
@@ -64,11 +92,11 @@ fn irradiance_is_that_of_paths() {
         let n = baked.points.len() as f64;
         let (ratio, rms) = (sum / expected, (squares / n).sqrt() / (expected / n));
         println!(
-            "{bounces} bounces, {} clusters of {clusters}: mean {ratio:.4}, rms {rms:.4}, {} accumulations",
+            "{name}, {bounces} bounces, {} clusters of {clusters}: mean {ratio:.4}, rms {rms:.4}, {} accumulations",
             baker.clusters(),
             baked.accumulations
         );
-        assert!((ratio - 1.0).abs() < 0.02, "{bounces} bounces, {clusters} clusters: {ratio}");
-        assert!(rms < 0.1);
+        assert!((ratio - 1.0).abs() < 0.02, "{name}, {bounces} bounces, {clusters} clusters: {ratio}");
+        assert!(rms < 0.1, "{name}");
     }
 }

@@ -130,6 +130,21 @@ mod tests {
         assert_eq!((counts.cut_off, counts.non_finite), (0, 0));
     }
 
+    /// To the nearest: neither more nor less light in the mean.
+    #[test]
+    fn rounding_takes_no_side() {
+        let fixed = FixedPoint::for_peak(1e6);
+        let mut counts = FixedPointCounts::default();
+        let off = |i: i32| {
+            let quanta = f64::from(i) * 0.618_034;
+            let rounded = fixed.quantise(quanta * fixed.quantum(), &mut counts) as f64;
+            assert!((rounded - quanta).abs() <= 0.5);
+            rounded - quanta
+        };
+        let mean = (0..10_000).map(off).sum::<f64>() / 1e4;
+        assert!(mean.abs() < 0.01, "{mean}");
+    }
+
     #[test]
     fn twelve_decades_fit_in_one_map() {
         let fixed = FixedPoint::for_peak(1e6);

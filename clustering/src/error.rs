@@ -21,6 +21,13 @@ pub enum ClusterError {
         /// Index of the point.
         index: usize,
     },
+    /// As many weights as points are needed, one for each.
+    WeightCount {
+        /// Number of points given.
+        points: usize,
+        /// Number of weights given.
+        weights: usize,
+    },
     /// There are points, and no cluster to put them into.
     NoClusters,
     /// More points than 32-bit indices can tell apart: at most 2³¹ - 1.
@@ -63,6 +70,9 @@ impl fmt::Display for ClusterError {
             }
             Self::BadWeight { index } => {
                 write!(f, "the weight of point {index} must be a number, and not below 0")
+            }
+            Self::WeightCount { points, weights } => {
+                write!(f, "{points} points need as many weights, and {weights} were given")
             }
             Self::NoClusters => write!(f, "points need at least 1 cluster"),
             Self::TooMany { count } => {

@@ -9,7 +9,7 @@ use glam::{DVec3, Vec3};
 use lighttree::parallel;
 use lighttree::rng::Random;
 
-use crate::{ClusterError, Metric, OrientedPoint, budget};
+use crate::{ClusterError, Metric, OrientedPoint, budget, metric};
 
 /// What tells which points are neighbours before there are clusters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +45,10 @@ impl Seeding<'_> {
 
     /// `count` of the points, all different, in the order of the curve. There must be as many points.
     pub(crate) fn seeds(&self, points: &[OrientedPoint], metric: &Metric, count: u32, seed: u32) -> Vec<u32> {
+        self.plant(points, Variation::Errors(metric), count, seed)
+    }
+
+    fn plant(&self, points: &[OrientedPoint], variation: Variation<'_>, count: u32, seed: u32) -> Vec<u32> {
         let (mut order, bits, levels) = match *self {
             Self::Screen { width, pixels } => {
                 let key =
@@ -54,10 +58,34 @@ impl Seeding<'_> {
             Self::Octree => (keyed(points.len(), octree_keys(points)), 3, 21),
         };
         parallel::sort(&mut order);
-        let tree = RangeTree { points, metric, order: &order, bits, seed };
+        let tree = RangeTree { points, variation, order: &order, bits, seed };
         let mut seeds = Vec::with_capacity(count as usize);
         tree.plant(0..order.len(), levels, count, &mut seeds);
         seeds
+    }
+
+    /// `count` of the points, or all where those are fewer, all different, in the order of the curve: where `weights` are large, one weight for each point. The
+    /// tree that spreads seeds by what geometry says spreads them here by what is known better, say by how badly interpolated light may be; a node that gets one
+    /// seed gives it to the point that weighs most.
+    ///
+    /// # Errors
+    /// Pixels or weights that are not as many as the points, a screen that is none; the first weight that is negative, NaN or infinite.
+    pub fn weighted(
+        &self,
+        points: &[OrientedPoint],
+        weights: &[f32],
+        count: u32,
+    ) -> Result<Vec<u32>, ClusterError> {
+        metric::check(points)?;
+        self.check(points.len())?;
+        if weights.len() != points.len() {
+            return Err(ClusterError::WeightCount { points: points.len(), weights: weights.len() });
+        }
+        if let Some(index) = weights.iter().position(|w| !(w.is_finite() && *w >= 0.0)) {
+            return Err(ClusterError::BadWeight { index });
+        }
+        let count = count.min(points.len() as u32);
+        Ok(self.plant(points, Variation::Weights(weights), count, 0))
     }
 }
 
@@ -82,10 +110,19 @@ fn octree_keys(points: &[OrientedPoint]) -> impl Fn(usize) -> u64 + Sync + Send 
     }
 }
 
+/// What says how many seeds a node is worth.
+#[derive(Clone, Copy, Debug)]
+enum Variation<'a> {
+    /// Sum of its members' errors against their mean.
+    Errors(&'a Metric),
+    /// Sum of these.
+    Weights(&'a [f32]),
+}
+
 /// A quadtree or octree: a node is a range of the order whose keys agree above `bits * level`.
 struct RangeTree<'a> {
     points: &'a [OrientedPoint],
-    metric: &'a Metric,
+    variation: Variation<'a>,
     order: &'a [(u64, u32)],
     /// 2 or 3: bits of a key that a level looks at.
     bits: u32,
@@ -146,8 +183,13 @@ impl RangeTree<'_> {
         })
     }
 
-    /// Sum of the members' errors against their mean.
     fn variation(&self, node: Range<usize>) -> f64 {
+        let metric = match self.variation {
+            Variation::Errors(metric) => metric,
+            Variation::Weights(weights) => {
+                return self.order[node].iter().map(|&(_, i)| f64::from(weights[i as usize])).sum();
+            }
+        };
         let members = || self.order[node.clone()].iter().map(|&(_, i)| &self.points[i as usize]);
         let (position, normal) = members().fold((DVec3::ZERO, DVec3::ZERO), |(position, normal), point| {
             (position + point.position.as_dvec3(), normal + point.normal.as_dvec3())
@@ -158,15 +200,23 @@ impl RangeTree<'_> {
         };
         let mean =
             OrientedPoint { position: (position / node.len() as f64).as_vec3(), normal: normal.as_vec3() };
-        members().map(|point| f64::from(self.metric.between(point, &mean))).sum()
+        members().map(|point| f64::from(metric.between(point, &mean))).sum()
     }
 
-    /// One point of each of `count` equal parts of the order, at random.
+    /// One point of each of `count` equal parts of the order: at random, or the one that weighs most (ties: the first).
     fn pick(&self, node: Range<usize>, count: u32, seeds: &mut Vec<u32>) {
         let mut random = Random::new(self.seed, node.start as u32, node.end as u32);
         let (length, count) = (node.len() as u64, u64::from(count));
         seeds.extend((0..count).map(|part| {
             let (from, to) = (part * length / count, (part + 1) * length / count);
+            if let Variation::Weights(weights) = self.variation {
+                let part = &self.order[node.start + from as usize..node.start + to as usize];
+                let best = part
+                    .iter()
+                    .map(|&(_, i)| i)
+                    .reduce(|best, i| if weights[i as usize] > weights[best as usize] { i } else { best });
+                return best.expect("no part is empty");
+            }
             let jitter = (random.f64() * (to - from) as f64) as u64;
             self.order[node.start + (from + jitter.min(to - from - 1)) as usize].1
         }));

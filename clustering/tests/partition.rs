@@ -121,6 +121,41 @@ fn extremes() {
 }
 
 #[test]
+fn weighted_seeds_go_where_the_weight_is() {
+    // A screen of 64 by 64, of which a corner of 8 by 8 weighs something, and one point there most.
+    let pixels: Vec<u32> = (0..64 * 64).collect();
+    let place = |i: u32| Vec3::new((i % 64) as f32, (i / 64) as f32, 0.0) / 64.0;
+    let points: Vec<_> =
+        pixels.iter().map(|&i| OrientedPoint { position: place(i), normal: Vec3::Z }).collect();
+    let heavy = 3 * 64 + 5;
+    let corner = |i: u32| i % 64 < 8 && i / 64 < 8;
+    let weigh = |&i: &u32| if i == heavy { 40.0 } else { f32::from(u8::from(corner(i))) };
+    let weights: Vec<f32> = pixels.iter().map(weigh).collect();
+    for seeding in [Seeding::Screen { width: 64, pixels: &pixels }, Seeding::Octree] {
+        for count in [1, 10, 64] {
+            let mut seeds = seeding.weighted(&points, &weights, count).unwrap();
+            assert!(seeds.contains(&heavy) && seeds.iter().all(|&i| corner(i)), "{seeds:?}");
+            seeds.sort_unstable();
+            seeds.dedup();
+            assert_eq!(seeds.len(), count as usize);
+        }
+        // More than there is weight for: still all different, and as many.
+        let mut seeds = seeding.weighted(&points, &weights, 500).unwrap();
+        seeds.sort_unstable();
+        seeds.dedup();
+        assert_eq!((seeds.len(), seeds.iter().filter(|&&i| corner(i)).count()), (500, 64));
+        assert_eq!(seeding.weighted(&points, &weights, u32::MAX).unwrap().len(), points.len());
+        assert_eq!(seeding.weighted(&points, &weights, 0).unwrap(), []);
+        let error = seeding.weighted(&points, &weights[1..], 1).unwrap_err();
+        assert_eq!(error, ClusterError::WeightCount { points: 4096, weights: 4095 });
+        let mut bad = weights.clone();
+        bad[7] = -1.0;
+        assert_eq!(seeding.weighted(&points, &bad, 1).unwrap_err(), ClusterError::BadWeight { index: 7 });
+    }
+    assert_eq!(Seeding::Octree.weighted(&[], &[], 3).unwrap(), []);
+}
+
+#[test]
 fn scale_does_not_matter() {
     let plain = points(500, 3);
     let of = |scale: f32| {

@@ -32,12 +32,14 @@ pub struct DensityParams {
     pub max_radius: f32,
     /// What is divided by.
     pub area: Area,
+    /// [`Facing::flatten`] of the search: 1 is Jensen's ball, more is his disc (his section 7.2).
+    pub flatten: f32,
 }
 
 impl DensityParams {
-    /// The `nearest` photons, wherever they are, over their hull.
+    /// The `nearest` photons, wherever they are, over their hull; what lies off the surface counts as 1.5 times as far.
     pub const fn nearest(nearest: usize) -> Self {
-        Self { nearest, max_radius: f32::INFINITY, area: Area::Hull }
+        Self { nearest, max_radius: f32::INFINITY, area: Area::Hull, flatten: 1.5 }
     }
 }
 
@@ -78,7 +80,8 @@ impl PhotonMap {
         weigh: impl Fn(Vec3) -> Vec3,
     ) -> Density {
         let wanted = params.nearest.max(2);
-        self.nearest(point, &Facing::like(normal), wanted, params.max_radius, scratch);
+        let facing = Facing { flatten: params.flatten, ..Facing::like(normal) };
+        self.nearest(point, &facing, wanted, params.max_radius, scratch);
         let Some((farthest, marker)) = scratch.farthest() else { return Density::default() };
         let photons = scratch.found().len();
         let radius = farthest.sqrt();

@@ -25,7 +25,7 @@ impl IlluminationCut {
         while let Some(id) = stack.pop() {
             let node = &self.upper[id as usize];
             if node.is_sample != 0 {
-                let weight = weight(&samples[node.index as usize], point, normal);
+                let weight = self.weight(&samples[node.index as usize], point, normal);
                 if weight > 0.0 {
                     sum += weight * samples[node.index as usize].irradiance;
                     weights += weight;
@@ -45,6 +45,19 @@ impl IlluminationCut {
         (weights > 0.0 && mean.is_finite()).then_some(mean)
     }
 
+    /// Equations 4 and 5, in a ball that is flat along the sample's normal.
+    #[inline]
+    fn weight(&self, sample: &CutSample, point: Vec3, normal: Vec3) -> f32 {
+        let squared = sample.radius * sample.radius;
+        let offset = point - sample.position;
+        let off_surface = offset.dot(sample.normal);
+        let near = squared - offset.length_squared() - (self.flatten - 1.0) * off_surface * off_surface;
+        if near <= 0.0 || squared <= 0.0 {
+            return 0.0;
+        }
+        near / squared * sample.normal.dot(normal).max(0.0)
+    }
+
     /// The same, and where no sample reaches, from the photons themselves. Also returns whether it had to.
     pub fn irradiance_or_density(
         &self,
@@ -59,15 +72,4 @@ impl IlluminationCut {
             None => (map.irradiance(point, normal, density, &mut scratch.photons).irradiance, true),
         }
     }
-}
-
-/// Equations 4 and 5.
-#[inline]
-fn weight(sample: &CutSample, point: Vec3, normal: Vec3) -> f32 {
-    let squared = sample.radius * sample.radius;
-    let near = squared - sample.position.distance_squared(point);
-    if near <= 0.0 || squared <= 0.0 {
-        return 0.0;
-    }
-    near / squared * sample.normal.dot(normal).max(0.0)
 }

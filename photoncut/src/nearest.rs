@@ -15,12 +15,28 @@ pub struct Facing {
     pub normal: Vec3,
     /// Least cosine between a photon's normal and that one; 0.7 keeps a wall's photons off the floor. -1: any.
     pub min_cos: f32,
+    /// How much more a distance along that normal counts than one within the surface, from 1 on (a ball; what is less counts as 1) to a million: keeps a table's
+    /// photons off the floor below it.
+    pub flatten: f32,
+}
+
+/// `flatten`, or what counts in its place: 1 for NaN, too.
+#[inline]
+pub(crate) const fn flatness(flatten: f32) -> f32 {
+    flatten.max(1.0).min(1e6)
 }
 
 impl Facing {
-    /// Within 45 degrees.
+    /// Within 45 degrees, in a ball.
     pub const fn like(normal: Vec3) -> Self {
-        Self { normal, min_cos: 0.7 }
+        Self { normal, min_cos: 0.7, flatten: 1.0 }
+    }
+
+    /// Squared distance of what is at `offset`.
+    #[inline]
+    fn squared(&self, offset: Vec3) -> f32 {
+        let flatten = flatness(self.flatten);
+        offset.length_squared() + (flatten * flatten - 1.0) * offset.dot(self.normal).powi(2)
     }
 }
 
@@ -47,8 +63,8 @@ impl PhotonScratch {
 }
 
 impl PhotonMap {
-    /// Finds the `count` photons nearest to `point` that light a surface facing as `facing` says, none farther than `max_radius`; ties in
-    /// distance go to the lower slots. They are in [`PhotonScratch::found`].
+    /// Finds the `count` photons nearest to `point` that light a surface facing as `facing` says, none farther than `max_radius`, distances being those that
+    /// `facing` makes of them; ties go to the lower slots. They are in [`PhotonScratch::found`].
     pub fn nearest(
         &self,
         point: Vec3,
@@ -74,7 +90,7 @@ impl PhotonMap {
             if children.is_empty() {
                 for slot in node.items() {
                     let photon = &self.photons[slot as usize];
-                    let squared = photon.position().distance_squared(point);
+                    let squared = facing.squared(photon.position() - point);
                     let lights = photon.normal().dot(facing.normal) >= facing.min_cos
                         && photon.direction().dot(facing.normal) > 0.0;
                     if squared > bound || !lights {

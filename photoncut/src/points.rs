@@ -1,8 +1,8 @@
 //! A k-d tree over oriented points: the topology that photon maps and sparse samples share.
 //!
 //! Jensen, "Realistic Image Synthesis Using Photon Mapping", 2001, chapter 6: medians along the longest axis. Differs from it: nodes have boxes, leaves
-//! a few points; and points that face different ways are parted by their normals first once a node is small, so that a node in a corner, or
-//! across a thin wall, does not mix what can't light the same surface.
+//! a few points; and points that face different ways are parted by their normals first once a node is small, then by their heights, so that a node in a
+//! corner, across a thin wall, or around a shelf and the one below does not mix what can't light the same surface.
 
 use core::ops::Range;
 
@@ -68,6 +68,13 @@ const SERIAL: usize = 1 << 14;
 
 /// Nodes with more points are split in space, whatever way the points face.
 const BY_NORMAL: usize = 1 << 12;
+
+/// Nodes with fewer points are not parted by height: leaves would be many, and no cut has nodes as small.
+const BY_HEIGHT: usize = 16;
+
+/// Height of a node, in longest sides, from which on points that face one way are parted by it: shelves, steps, a board on the floor. A sphere's part within
+/// 40 degrees is 0.1 high.
+const FLAT: f32 = 0.25;
 
 /// Spread of any coordinate of the normals from which on a small node is parted by them: that of two faces at 40 degrees.
 const NORMAL_SPREAD: f32 = 0.7;
@@ -174,10 +181,12 @@ fn bounded<T: Located>(items: &[T], first_item: u32) -> (SpatialNode, Vec3) {
 /// Puts `items` in two parts; the length of the first, and whether the normals of all are now known to agree.
 fn split<T: Located>(items: &mut [T], extent: Vec3, agree: bool) -> (usize, bool) {
     let looked = !agree && items.len() <= BY_NORMAL;
-    match looked.then(|| by_normals(items)).flatten() {
-        Some(left_count) => (left_count, false),
-        None => (by_median(items, extent), agree || looked),
+    if let Some(left_count) = looked.then(|| by_normals(items)).flatten() {
+        return (left_count, false);
     }
+    let agree = agree || looked;
+    let parted = if agree && items.len() >= BY_HEIGHT { by_heights(items, extent) } else { None };
+    (parted.unwrap_or_else(|| by_median(items, extent)), agree)
 }
 
 /// Halves along the longest axis.
@@ -190,6 +199,26 @@ fn by_median<T: Located>(items: &mut [T], extent: Vec3) -> usize {
         _ => items.select_nth_unstable_by(middle, |a, b| a.position().z.total_cmp(&b.position().z)),
     };
     middle
+}
+
+/// In two by how high they lie over one plane, where they face one way but lie at heights that differ by more than [`FLAT`] of the longest side; `None` where they do not.
+fn by_heights<T: Located>(items: &mut [T], extent: Vec3) -> Option<usize> {
+    let limit = FLAT * extent.max_element();
+    // What is flat along an axis, most walls and floors, needs no closer look.
+    if extent.dot(items[0].normal().abs()) <= limit {
+        return None;
+    }
+    let normal = items.iter().map(Located::normal).sum::<Vec3>().normalize_or_zero();
+    let height = |item: &T| item.position().dot(normal);
+    let (min, max) = items.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(min, max), item| {
+        (min.min(height(item)), max.max(height(item)))
+    });
+    let middle = 0.5 * (min + max);
+    // Either side is empty where the two are next to each other, or not numbers.
+    if !(max - min > limit && min < middle && middle <= max) {
+        return None;
+    }
+    Some(partition(items, |item| height(item) < middle))
 }
 
 /// In two by where their normals differ most; `None` where they agree, and then those of any part of them do.
@@ -205,12 +234,17 @@ fn by_normals<T: Located>(items: &mut [T]) -> Option<usize> {
     }
     // The middle lies strictly between two of them, so neither side is empty.
     let middle = 0.5 * (min[axis] + max[axis]);
+    Some(partition(items, |item| item.normal()[axis] < middle))
+}
+
+/// Those first that are `left`; how many they are.
+fn partition<T>(items: &mut [T], left: impl Fn(&T) -> bool) -> usize {
     let mut left_count = 0;
     for i in 0..items.len() {
-        if items[i].normal()[axis] < middle {
+        if left(&items[i]) {
             items.swap(i, left_count);
             left_count += 1;
         }
     }
-    Some(left_count)
+    left_count
 }

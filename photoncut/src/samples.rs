@@ -1,7 +1,8 @@
 //! Irradiance at every point, out of samples at few.
 //!
 //! Ward, Rubinstein and Clear 1988: the mean of nearby samples with weights 1/e, e = |x - s| ÷ R + |n - nₛ|, R the harmonic mean of the distances that the
-//! sample's rays went; as Wang et al. 2009 have it. Differs from both: there is no radius beyond which a sample ends. The samples of least e are taken,
+//! sample's rays went; as Wang et al. 2009 have it. Differs from both: what a sample is off along its normal counts more
+//! ([`planes`](InterpolationParams::planes)), and there is no radius beyond which a sample ends. The samples of least e are taken,
 //! and the weight of the next one after them is subtracted from all: a sample comes and goes with weight zero, so the result is continuous
 //! wherever samples are, and never undefined. Gradients are limited: those of Ward and Heckbert 1992 have no bound.
 //!
@@ -22,6 +23,9 @@ pub struct InterpolationParams {
     pub gradients: bool,
     /// Whether neighbours bound each other's R.
     pub clamp_neighbours: bool,
+    /// How much a sample's distance along its own normal counts, added to its distance: from 0 on (Ward's e; what is less counts as 0) to a million. A shelf above a point is near
+    /// it and faces the same way, and sees other light; Ward 1988 leaves out what lies behind, which is not continuous.
+    pub planes: f32,
     /// Least R, in the scene's length unit; at least 0.
     pub min_distance: f32,
     /// Largest R, in the scene's length unit: that of samples whose rays hit nothing, too.
@@ -29,12 +33,13 @@ pub struct InterpolationParams {
 }
 
 impl InterpolationParams {
-    /// Eight neighbours, neighbour clamping, no gradients; R from a thousandth of the scene's radius to all of it.
+    /// Four neighbours, neighbour clamping, no gradients; planes count 8 times; R from a thousandth of the scene's radius to all of it.
     pub const fn new(scene_radius: f32) -> Self {
         Self {
-            neighbours: 8,
+            neighbours: 4,
             gradients: false,
             clamp_neighbours: true,
+            planes: 8.0,
             min_distance: 1e-3 * scene_radius,
             max_distance: scene_radius,
         }
@@ -186,20 +191,45 @@ impl IrradianceSamples {
     /// Irradiance of a surface at `point` that faces `normal`, W·m⁻² per channel; zero without samples. With gradients a channel may be extrapolated to below
     /// zero: it is cut off there, and the second result is how far below, from 0 on.
     pub fn irradiance(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) -> (Vec3, Vec3) {
-        let mut sum = Vec3::ZERO;
-        for share in self.shares(point, normal, scratch) {
-            let Indexed { sample, distance, .. } = &self.samples[share.slot as usize];
-            let mut irradiance = sample.irradiance;
-            if self.params.gradients {
-                // Farther away than R a gradient says nothing.
-                let way = (point - sample.position).clamp_length_max(*distance);
-                let turn = sample.normal.cross(normal);
-                let change = |c: usize| turn.dot(sample.rotation[c]) + way.dot(sample.translation[c]);
-                irradiance += Vec3::new(change(0), change(1), change(2));
-            }
-            sum += share.weight * irradiance;
-        }
+        let shares = self.shares(point, normal, scratch).iter();
+        let sum: Vec3 = shares.map(|share| share.weight * self.foretold(share, point, normal)).sum();
         (sum.max(Vec3::ZERO), (-sum).max(Vec3::ZERO))
+    }
+
+    /// How little samples know about a surface at `point` that faces `normal`. Dimensionless, from 0 (at a sample) on; without samples 0. Where it is large, light gathered at the
+    /// point itself is worth its rays most.
+    ///
+    /// The squares of two parts are added: the standard deviation of what each sample foretells, by their shares, over the largest irradiance that any of them gathered;
+    /// and a tenth of the least e, for what no sample is near may be dark though all around it agree.
+    pub fn doubt(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) -> f32 {
+        const UNSEEN: f64 = 0.1;
+        self.shares(point, normal, scratch);
+        let (mut mean, mut squares, mut largest) = (0.0f64, 0.0f64, 0.0f64);
+        for share in &scratch.shares {
+            let foretold = f64::from(self.foretold(share, point, normal).element_sum());
+            mean += f64::from(share.weight) * foretold;
+            squares += f64::from(share.weight) * foretold * foretold;
+            largest =
+                largest.max(f64::from(self.samples[share.slot as usize].sample.irradiance.element_sum()));
+        }
+        let deviation = (squares - mean * mean).max(0.0).sqrt();
+        let spread = if largest > 0.0 { deviation / largest } else { 0.0 };
+        let unseen = UNSEEN * scratch.best.first().map_or(0.0, |&(error, _)| f64::from(error));
+        spread.hypot(unseen).min(f64::from(f32::MAX)) as f32
+    }
+
+    /// What one sample says of a point.
+    #[inline]
+    fn foretold(&self, share: &Share, point: Vec3, normal: Vec3) -> Vec3 {
+        let Indexed { sample, distance, .. } = &self.samples[share.slot as usize];
+        if !self.params.gradients {
+            return sample.irradiance;
+        }
+        // Farther away than R a gradient says nothing.
+        let way = (point - sample.position).clamp_length_max(*distance);
+        let turn = sample.normal.cross(normal);
+        let change = |c: usize| turn.dot(sample.rotation[c]) + way.dot(sample.translation[c]);
+        sample.irradiance + Vec3::new(change(0), change(1), change(2))
     }
 
     fn wanted(&self) -> usize {
@@ -212,6 +242,8 @@ impl IrradianceSamples {
         best.clear();
         stack.clear();
         let count = self.wanted() + 1;
+        #[expect(clippy::manual_clamp, reason = "NaN counts as 0")]
+        let planes = self.params.planes.max(0.0).min(1e6);
         // Nothing below a node has a lesser e than this.
         let least =
             |id: u32| self.nodes[id as usize].distance_squared(point).sqrt() / self.reach[id as usize];
@@ -228,7 +260,10 @@ impl IrradianceSamples {
             if children.is_empty() {
                 for slot in node.items() {
                     let Indexed { sample, distance, .. } = &self.samples[slot as usize];
-                    let error = point.distance(sample.position) / distance + normal.distance(sample.normal);
+                    let offset = point - sample.position;
+                    let off_plane = offset.dot(sample.normal).abs();
+                    let error =
+                        (offset.length() + planes * off_plane) / distance + normal.distance(sample.normal);
                     if !error.is_finite() || (best.len() == count && error >= best[count - 1].0) {
                         continue;
                     }

@@ -92,3 +92,40 @@ fn look_ups_agree_with_the_map() {
         cut.irradiance_or_density(&map, Vec3::new(0.5, 4.0, 0.5), Vec3::Y, &DENSITY, &mut scratch);
     assert!(fell_back && found.is_finite());
 }
+
+/// A dim board a little above a bright floor, which both face up: light of the one must not get to the other, neither from the map nor from its cut.
+#[test]
+fn flatness_keeps_a_board_off_the_floor() {
+    const HEIGHT: f32 = 0.06;
+    let mut random = Random::new(2, 0, 0);
+    let photons: Vec<_> = (0..40_000)
+        .map(|i| {
+            let bright = i % 2 == 0;
+            let (height, power) = if bright { (0.0, 1.0) } else { (HEIGHT, 0.02) };
+            let position = Vec3::new(random.f32(), height, random.f32());
+            Photon { position, normal: Vec3::Y, direction: Vec3::Y, power: Vec3::splat(power / 20_000.0) }
+        })
+        .collect();
+    let map = common::map(&photons);
+    let error = |flatten: f32| {
+        let density = DensityParams { flatten, ..DensityParams::nearest(400) };
+        let cut = IlluminationCut::of_size(&map, 150, &density);
+        let mut scratch = LookupScratch::default();
+        let mut photon_scratch = photoncut::PhotonScratch::default();
+        let mut random = Random::new(3, 0, 0);
+        let (mut by_map, mut by_cut) = (0.0, 0.0);
+        const POINTS: u32 = 300;
+        for _ in 0..POINTS {
+            let inside = |random: &mut Random| 0.2 + 0.6 * random.f32();
+            let point = Vec3::new(inside(&mut random), HEIGHT, inside(&mut random));
+            let found = map.irradiance(point, Vec3::Y, &density, &mut photon_scratch).irradiance.x;
+            by_map += (found / 0.02 - 1.0).abs() / POINTS as f32;
+            let (found, _) = cut.irradiance_or_density(&map, point, Vec3::Y, &density, &mut scratch);
+            by_cut += (found.x / 0.02 - 1.0).abs() / POINTS as f32;
+        }
+        (by_map, by_cut)
+    };
+    let ((map_ball, cut_ball), (map_flat, cut_flat)) = (error(1.0), error(8.0));
+    assert!(map_ball > 1.0 && map_flat < 0.15, "map: {map_ball} in a ball, {map_flat} in a disc");
+    assert!(cut_ball > 1.0 && cut_flat < 0.5 * cut_ball, "cut: {cut_ball} in a ball, {cut_flat} in a disc");
+}

@@ -162,6 +162,38 @@ fn interpolation_is_continuous() {
     }
 }
 
+/// A shelf above: nearer, but of another plane.
+#[test]
+fn planes_keep_shelves_apart() {
+    let own = sample(Vec3::X, 1.0);
+    let above = sample(0.5 * Vec3::Y, 9.0);
+    let mut scratch = SampleScratch::default();
+    for (planes, expected) in [(0.0, 9.0), (f32::NAN, 9.0), (4.0, 1.0), (f32::INFINITY, 1.0)] {
+        let params = InterpolationParams { neighbours: 1, planes, ..InterpolationParams::new(1.0) };
+        let (index, _) = IrradianceSamples::new(&[own, above], &params);
+        let found = index.irradiance(Vec3::ZERO, Vec3::Y, &mut scratch).0.x;
+        // The other one takes its own weight off: e is 2 and 1, or 2 and 5.
+        assert!((found - expected).abs() < 1e-5, "planes {planes}: {found}");
+    }
+}
+
+/// Doubt is what samples disagree by, over the largest of them, and a tenth of how far they are.
+#[test]
+fn doubt_is_disagreement() {
+    let params = InterpolationParams { neighbours: 2, ..InterpolationParams::new(1.0) };
+    let mut scratch = SampleScratch::default();
+    let mut between = |a: f32, b: f32, at: f32| {
+        let (index, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, a), sample(Vec3::X, b)], &params);
+        index.doubt(at * Vec3::X, Vec3::Y, &mut scratch)
+    };
+    // R is 0.5, so e is 1.
+    assert!((between(1.0, 3.0, 0.5) - (1.0f32 / 9.0 + 0.01).sqrt()).abs() < 1e-6);
+    assert!((between(2.0, 2.0, 0.5) - 0.1).abs() < 1e-3 && (between(0.0, 0.0, 0.5) - 0.1).abs() < 1e-6);
+    assert_eq!(between(1.0, 3.0, 0.0), 0.0, "at a sample there is none");
+    let (none, _) = IrradianceSamples::new(&[], &params);
+    assert_eq!(none.doubt(Vec3::ZERO, Vec3::Y, &mut scratch), 0.0);
+}
+
 #[test]
 fn interpolation_at_extremes() {
     let mut scratch = SampleScratch::default();

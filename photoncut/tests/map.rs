@@ -59,7 +59,9 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn searches_agree_with_looking_at_all(kind in 0u32..5, size in 1usize..600, count in 1usize..80, seed in 0u32..1000) {
+    fn searches_agree_with_looking_at_all(
+        kind in 0u32..5, size in 1usize..600, count in 1usize..80, seed in 0u32..1000, flatten in 0.0f32..6.0,
+    ) {
         let photons = troubled(kind, size, seed);
         let map = common::map(&photons);
         prop_assert_eq!(map.len(), size);
@@ -68,13 +70,17 @@ proptest! {
         let mut scratch = PhotonScratch::default();
         for radius in [f32::INFINITY, 0.3] {
             let point = Vec3::new(random.f32(), random.f32(), random.f32());
-            let facing = Facing { normal: common::cosine(Vec3::Y, &mut random), min_cos: 0.7 };
+            let facing = Facing { normal: common::cosine(Vec3::Y, &mut random), min_cos: 0.7, flatten };
             map.nearest(point, &facing, count, radius, &mut scratch);
             let mut found: Vec<f32> = scratch.found().map(|(squared, _)| squared).collect();
             let mut all: Vec<f32> = (0..size as u32)
                 .map(|slot| map.photon(slot))
                 .filter(|p| p.normal.dot(facing.normal) >= 0.705 && p.direction.dot(facing.normal) > 0.0)
-                .map(|p| p.position.distance_squared(point))
+                .map(|p| {
+                    let offset = p.position - point;
+                    let along = offset.dot(facing.normal);
+                    offset.length_squared() + (flatten.max(1.0) * flatten.max(1.0) - 1.0) * along.powi(2)
+                })
                 .filter(|&squared| squared <= radius * radius)
                 .collect();
             found.sort_by(f32::total_cmp);

@@ -94,14 +94,15 @@ fn threads_do_not_show() {
 #[test]
 fn clusters_stay_from_frame_to_frame() {
     let room = Room::new("cornell");
-    let set = [&FEW[..], &["samples=60"]].concat();
+    // Half of the points are the clusters'.
+    let set = [&FEW[..], &["samples=60", "doubtful=0.5"]].concat();
     let mut clusters = None;
     room.after("photoncut", &set, 1, &params(1), &mut clusters);
     let first = clusters.clone().unwrap();
     room.after("photoncut", &set, 2, &params(1), &mut clusters);
     let stayed = |now: &Clusters| now.centres().iter().filter(|c| first.centres().contains(c)).count();
     let (kept, all) = (stayed(clusters.as_ref().unwrap()), first.len());
-    assert!(kept > all / 2 && first.len() == 60, "{kept} of {all} stayed");
+    assert!(kept > all / 2 && first.len() == 30, "{kept} of {all} stayed");
     room.after("photoncut", &[&set[..], &["follow=off"]].concat(), 2, &params(1), &mut clusters);
     assert_eq!(stayed(clusters.as_ref().unwrap()), 0);
 }

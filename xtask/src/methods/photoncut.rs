@@ -50,6 +50,12 @@ const AREA: Key = Key {
     range: Range::OneOf(&["hull", "disk"]),
     trades: "what a density is taken over: disk is a little faster and dark along edges",
 };
+const FLATTEN: Key = Key {
+    name: "flatten",
+    default: "1.5",
+    range: Range::Number(1.0, 1000.0),
+    trades: "how much more photons off a surface's plane count as far: more keeps light of shelves and frames apart, and thins it out on what is round",
+};
 const RAYS: Key = Key {
     name: "rays",
     default: "400",
@@ -70,16 +76,17 @@ const LIGHTS: Key = Key {
 };
 
 /// Dials of `gather`.
-pub(super) const GATHER_KEYS: [Key; 9] =
-    [PHOTONS, CAUSTICS, CAUSTIC_RADIUS, NEAREST, AREA, RAYS, DIRECT, LIGHTS, trees::BUILDER];
+pub(super) const GATHER_KEYS: [Key; 10] =
+    [PHOTONS, CAUSTICS, CAUSTIC_RADIUS, NEAREST, AREA, FLATTEN, RAYS, DIRECT, LIGHTS, trees::BUILDER];
 
 /// Dials of `photoncut`.
-pub(super) const PHOTONCUT_KEYS: [Key; 22] = [
+pub(super) const PHOTONCUT_KEYS: [Key; 25] = [
     PHOTONS,
     CAUSTICS,
     CAUSTIC_RADIUS,
     NEAREST,
     AREA,
+    FLATTEN,
     RAYS,
     DIRECT,
     LIGHTS,
@@ -121,6 +128,12 @@ pub(super) const PHOTONCUT_KEYS: [Key; 22] = [
         trades: "points where light is gathered: finer indirect shadows, for time",
     },
     Key {
+        name: "doubtful",
+        default: "0.5",
+        range: Range::Number(0.0, 0.95),
+        trades: "share of the points that is chosen where what the others foretell disagrees: gaps, creases and edges, for coarser clusters elsewhere; 0 is the paper's",
+    },
+    Key {
         name: "follow",
         default: "on",
         range: Range::OneOf(&["on", "off"]),
@@ -134,9 +147,15 @@ pub(super) const PHOTONCUT_KEYS: [Key; 22] = [
     },
     Key {
         name: "neighbours",
-        default: "8",
+        default: "4",
         range: Range::Whole(1, 32),
         trades: "gathered points that a pixel's light is interpolated from: smoother, for detail",
+    },
+    Key {
+        name: "planes",
+        default: "8",
+        range: Range::Number(0.0, 1000.0),
+        trades: "how much farther a gathered point off a pixel's plane counts as: more keeps light of shelves, steps and frames apart, and takes neighbours away on what is round",
     },
     Key {
         name: "gradients",
@@ -167,7 +186,8 @@ pub(super) const PHOTONCUT_KEYS: [Key; 22] = [
 /// How densities are estimated.
 pub(super) fn density(settings: &Settings) -> DensityParams {
     let area = if settings.text("area") == "disk" { Area::Disk } else { Area::Hull };
-    DensityParams { area, ..DensityParams::nearest(settings.whole("nearest") as usize) }
+    let flatten = settings.number("flatten").unwrap_or(1.0);
+    DensityParams { area, flatten, ..DensityParams::nearest(settings.whole("nearest") as usize) }
 }
 
 /// Directions in which a glossy surface looks a sample's harmonics up.
@@ -213,11 +233,7 @@ impl<'a> PhotonLight<'a> {
         Self {
             maps,
             sparse,
-            caustic: DensityParams {
-                max_radius: reach,
-                area: Area::Disk,
-                nearest: settings.whole("nearest") as usize,
-            },
+            caustic: DensityParams { max_radius: reach, area: Area::Disk, ..density(settings) },
             rays: settings.whole("rays"),
             gloss_rays: settings.find("gloss_rays").map_or(0, |_| settings.whole("gloss_rays")),
             memory: Pool::default(),

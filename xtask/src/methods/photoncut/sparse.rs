@@ -22,6 +22,9 @@ pub(crate) struct Sparse {
     pub(crate) counts: Counts,
 }
 
+/// Rounds of points that are chosen by doubt: each sees what the one before has found.
+const ROUNDS: u32 = 3;
+
 /// A gathered point, with harmonics where the scene has glossy surfaces.
 type Gathered = (GatherSample, Option<RadianceSh>, Counts);
 
@@ -50,8 +53,9 @@ impl Sparse {
             points.iter().map(|p| OrientedPoint { position: p.position, normal: p.normal }).collect();
         let alpha = settings.number("alpha").unwrap_or(0.3);
         let metric = Metric::new(alpha, frame.radius.max(f32::MIN_POSITIVE))?;
-        let wanted =
-            ClusterParams { seed: frame.seed, ..ClusterParams::with_count(settings.whole("samples")) };
+        let all = settings.whole("samples");
+        let doubtful = (f64::from(all) * f64::from(settings.number("doubtful").unwrap_or(0.0))) as u32;
+        let wanted = ClusterParams { seed: frame.seed, ..ClusterParams::with_count(all - doubtful) };
         let seeding = Seeding::Screen { width: params.width, pixels: &pixels };
         let (clusters, stayed) = match before.take() {
             Some(before) => before.follow(&oriented, seeding, &metric, &wanted)?,
@@ -60,58 +64,132 @@ impl Sparse {
         let clustered = start.elapsed().as_secs_f64();
 
         // Gather at one point of each cluster.
-        let start = Instant::now();
-        let rays = settings.whole("rays");
-        let glossy = settings.whole("gloss_rays") == 0
-            && Requirements::new(frame.scene, frame.lights).glossy_materials > 0;
-        let pool = Pool::default();
-        let gathered: Vec<Gathered> = (0..clusters.len())
-            .into_par_iter()
-            .map_init(Default::default, |scratch, k| {
-                let point = &points[clusters.representative(k) as usize];
-                let mut counts = Counts::default();
-                let mut harmonics = glossy.then(RadianceSh::default);
-                let sample = pool.with(|memory| {
-                    let sh = harmonics.as_mut();
-                    gathering::at(frame, maps, point, k as u32, rays, sh, scratch, memory, &mut counts)
-                });
-                (sample, harmonics, counts)
-            })
-            .collect();
-        let spent = start.elapsed().as_secs_f64();
-
-        // Index the samples.
-        let window = settings.number("window").unwrap_or(f32::INFINITY);
-        let mut samples = Vec::with_capacity(gathered.len());
-        let mut harmonics = Vec::new();
-        for (sample, sh, own) in gathered {
-            samples.push(sample);
-            harmonics.extend(sh.map(|sh| sh.windowed(window)));
-            counts.add(&own);
-        }
         let interpolation = InterpolationParams {
             neighbours: settings.whole("neighbours"),
             gradients: settings.text("gradients") == "on",
             clamp_neighbours: settings.text("clamp_neighbours") == "on",
+            planes: settings.number("planes").unwrap_or(0.0),
             ..InterpolationParams::new(frame.radius)
         };
-        let (samples, left_out) = IrradianceSamples::new(&samples, &interpolation);
+        let mut gatherer = Gatherer::new(frame, maps, &points, settings);
+        let representatives: Vec<u32> = (0..clusters.len()).map(|k| clusters.representative(k)).collect();
+        gatherer.gather(&representatives);
+
+        // And where what these foretell disagrees.
+        let mut doubted = 0.0;
+        let mut left = doubtful.min(points.len() as u32 - clusters.len() as u32);
+        for round in 0..ROUNDS {
+            let start = Instant::now();
+            let more = left / (ROUNDS - round);
+            if more > 0 {
+                let weights = gatherer.doubts(&interpolation, round);
+                let chosen = seeding.weighted(&oriented, &weights, more)?;
+                doubted += start.elapsed().as_secs_f64();
+                gatherer.gather(&chosen);
+                left -= more;
+            }
+        }
+        counts.add(&gatherer.counts);
+
+        // Index the samples.
+        let (samples, left_out) = IrradianceSamples::new(&gatherer.samples, &interpolation);
         counts.non_finite += left_out as u64;
         let rounds = clusters.rounds().len();
         eprintln!(
-            "clusters: {} of {} points in {rounds} rounds, {stayed} stayed; camera {seen:.2} s, clusters {clustered:.2} s, gather {spent:.2} s, {} of {} look-ups fell back",
+            "clusters: {} of {} points in {rounds} rounds, {stayed} stayed, and {} more points; camera {seen:.2} s, clusters {clustered:.2} s, doubts {doubted:.2} s, gather {:.2} s, {} of {} look-ups fell back",
             clusters.len(),
             points.len(),
+            samples.len() - clusters.len(),
+            gatherer.seconds,
             counts.fallbacks,
             counts.closest_hit_rays
         );
         *before = Some(clusters);
-        Ok(Self { samples, harmonics, counts })
+        Ok(Self { samples, harmonics: gatherer.harmonics, counts })
     }
 
     /// Harmonics of what comes in, sample by sample, if there are any.
     pub(super) fn harmonics(&self) -> Option<&[RadianceSh]> {
         (!self.harmonics.is_empty()).then_some(&self.harmonics[..])
+    }
+}
+
+/// Gathers at shading points, one lot after the other.
+struct Gatherer<'a> {
+    frame: &'a Frame<'a, SceneRays>,
+    maps: &'a Maps,
+    points: &'a [ShadingPoint],
+    rays: u32,
+    /// Of the harmonics; `None`: nothing is glossy.
+    window: Option<f32>,
+    pool: Pool,
+    samples: Vec<GatherSample>,
+    harmonics: Vec<RadianceSh>,
+    counts: Counts,
+    seconds: f64,
+}
+
+impl<'a> Gatherer<'a> {
+    fn new(
+        frame: &'a Frame<'a, SceneRays>,
+        maps: &'a Maps,
+        points: &'a [ShadingPoint],
+        settings: &Settings,
+    ) -> Self {
+        let glossy = settings.whole("gloss_rays") == 0
+            && Requirements::new(frame.scene, frame.lights).glossy_materials > 0;
+        Self {
+            frame,
+            maps,
+            points,
+            rays: settings.whole("rays"),
+            window: glossy.then(|| settings.number("window").unwrap_or(f32::INFINITY)),
+            pool: Pool::default(),
+            samples: Vec::new(),
+            harmonics: Vec::new(),
+            counts: Counts::default(),
+            seconds: 0.0,
+        }
+    }
+
+    /// Adds samples at the points of these indices.
+    fn gather(&mut self, chosen: &[u32]) {
+        let start = Instant::now();
+        let first = self.samples.len();
+        let gathered: Vec<Gathered> = (0..chosen.len())
+            .into_par_iter()
+            .map_init(Default::default, |scratch, i| {
+                let point = &self.points[chosen[i] as usize];
+                let mut counts = Counts::default();
+                let mut harmonics = self.window.map(|_| RadianceSh::default());
+                let sample = self.pool.with(|memory| {
+                    let (index, sh) = ((first + i) as u32, harmonics.as_mut());
+                    let Self { frame, maps, rays, .. } = *self;
+                    gathering::at(frame, maps, point, index, rays, sh, scratch, memory, &mut counts)
+                });
+                (sample, harmonics, counts)
+            })
+            .collect();
+        for (sample, sh, own) in gathered {
+            self.samples.push(sample);
+            let window = self.window.unwrap_or(f32::INFINITY);
+            self.harmonics.extend(sh.map(|sh| sh.windowed(window)));
+            self.counts.add(&own);
+        }
+        self.seconds += start.elapsed().as_secs_f64();
+    }
+
+    /// What each point weighs when more are chosen: its squared doubt. A round looks at its own share of the points, and leaves the others at 0.
+    fn doubts(&self, params: &InterpolationParams, round: u32) -> Vec<f32> {
+        let (samples, _) = IrradianceSamples::new(&self.samples, params);
+        let doubt = |scratch: &mut _, i: usize| {
+            if i as u32 % ROUNDS != round {
+                return 0.0;
+            }
+            let point = &self.points[i];
+            samples.doubt(point.position, point.normal, scratch).powi(2)
+        };
+        (0..self.points.len()).into_par_iter().map_init(Default::default, doubt).collect()
     }
 }
 

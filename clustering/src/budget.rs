@@ -52,6 +52,7 @@ mod tests {
         assert_eq!(share(10, [1.0, 1.0, 2.0, 0.0], [100; 4]), [3, 2, 5, 0]);
         assert_eq!(share(10, [1.0, 0.0, 0.0, 1.0], [2, 50, 50, 3]), [2, 3, 2, 3], "the rest by caps");
         assert_eq!(share(7, [0.0; 4], [0, 14, 7, 7]), [0, 3, 2, 2]);
+        assert_eq!(share(2, [0.95, 0.4, 0.4, 0.25], [9; 4]), [1, 1, 0, 0], "one more each");
         assert_eq!(share(0, [1.0, 2.0], [5, 5]), [0, 0]);
         assert_eq!(share(5, [f64::NAN, f64::INFINITY], [3, 2]), [3, 2]);
         assert_eq!(share(1, [1e-300, 1e300], [1, 0]), [1, 0]);

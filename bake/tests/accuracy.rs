@@ -57,7 +57,7 @@ fn yard() -> World {
     World::new(vec![floor, pillar(-3.0, -3.0), pillar(2.0, -2.5), pillar(-2.5, 2.0), pillar(2.5, 2.5)])
 }
 
-/// Mean irradiance over the floor, within 2 % of path tracing; and no point far off.
+/// Mean irradiance over the floor, within 0.5 % of path tracing; and no point far off. A hundredth lost at each bounce would be seen.
 #[test]
 fn irradiance_is_that_of_paths() {
     for (name, world, bounces, clusters) in [
@@ -96,7 +96,7 @@ fn irradiance_is_that_of_paths() {
             baker.clusters(),
             baked.accumulations
         );
-        assert!((ratio - 1.0).abs() < 0.02, "{name}, {bounces} bounces, {clusters} clusters: {ratio}");
+        assert!((ratio - 1.0).abs() < 0.005, "{name}, {bounces} bounces, {clusters} clusters: {ratio}");
         assert!(rms < 0.1, "{name}");
     }
 }

@@ -192,6 +192,10 @@ fn one_pass_leaves_the_bits_of_two() {
             let (old, new) = (contribution(light, 0), contribution(&other, version));
             let both = Update { subtract: vec![old.clone()], add: vec![new.clone()] };
             assert_eq!((both.accumulations(), both.passes().len()), (1, 1));
+            // Another name has other jitter.
+            let renamed = VirtualLight { seed: 99, ..other.clone() };
+            let two = Update { add: vec![contribution(&renamed, version)], ..both.clone() };
+            assert_eq!((two.accumulations(), two.passes().len()), (2, 2));
             once.apply(&both).unwrap();
             twice.apply(&Update { add: vec![new], ..Update::default() }).unwrap();
             twice.apply(&Update { subtract: vec![old], ..Update::default() }).unwrap();

@@ -54,6 +54,19 @@ fn killed_at_any_moment() {
     assert_eq!(run(true), run(false));
 }
 
+/// Light of a lamp that was taken out, still in the map when the bake is killed, is taken away after it.
+#[test]
+fn what_is_no_more_is_not_forgotten() {
+    let (world, mut baker, receivers) = baked_room(params(0.05));
+    baker.remove_light(LightKey(7)).unwrap();
+    let ends = [reload(&baker), baker].map(|mut baker| {
+        let mut receivers = receivers.clone();
+        finish(&mut baker, &world, &mut receivers);
+        receivers.sums
+    });
+    assert!(ends[0] == ends[1] && ends[0] != receivers.sums);
+}
+
 #[test]
 fn every_kind_of_light_is_read_as_it_was_written() {
     use bake::{Aperture, IntensityTable, Profile};

@@ -61,16 +61,14 @@ pub enum Hidden {
 
 /// Several cuts of one tree laid over one another, ready to be interpolated with any weights.
 ///
-/// Memory: 48 bytes a node for up to four inputs and 32 more for each further four; beside that some 24, and 64 for each four inputs, for each node
-/// of the largest subtree on which the inputs differ. Kept from merge to merge.
+/// Memory: 16 bytes a node and 8 more for each input; beside that some 40, and 96 for each four inputs, for each node of the largest subtree
+/// on which the inputs differ. Kept from merge to merge.
 #[derive(Debug, Default)]
 pub struct MergedCuts {
     /// All nodes from the coarsest of the inputs to the finest, parents before children, left to right.
     entries: Vec<Entry>,
-    /// For each entry `lanes` vectors: each input's mean level below the node, less the node's [`split`](crate::Level::split).
-    excess: Vec<Vec4>,
-    /// For each entry `lanes` vectors: each input's visibility below the node, weighted by intensity.
-    seen: Vec<Vec4>,
+    /// By input; of those beyond `inputs` only the memory is of use.
+    rows: Vec<Row>,
     inputs: usize,
     walk: Walk,
 }
@@ -85,12 +83,53 @@ struct Entry {
     agreed: Agreed,
 }
 
+/// What one input says about each entry.
+#[derive(Clone, Debug, Default)]
+struct Row {
+    /// Its mean level below the node, less the node's [`split`](crate::Level::split).
+    excess: Vec<f32>,
+    /// Its visibility below the node, weighted by intensity.
+    seen: Vec<f32>,
+}
+
+impl Row {
+    /// Cuts off what belongs to entry `len` and those after it.
+    fn truncate(&mut self, len: usize) {
+        self.excess.truncate(len);
+        self.seen.truncate(len);
+    }
+}
+
+/// Entries that are looked at together.
+const TOGETHER: usize = 8;
+
 /// On what the inputs agree for a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Agreed {
     Hidden,
     Seen,
     Neither,
+}
+
+impl Agreed {
+    /// That of a node about which all say 0, all say 1, or neither.
+    #[inline(always)]
+    fn on(seen: impl Iterator<Item = f32>) -> Self {
+        let note = |(all, any), seen| (all & (seen == 1.0), any | (seen != 0.0));
+        let (all, any) = seen.fold((true, false), note);
+        match (all, any) {
+            (true, _) => Self::Seen,
+            (_, false) => Self::Hidden,
+            _ => Self::Neither,
+        }
+    }
+
+    /// The mean visibility: exact where the inputs agree, although their weights sum to one only but for rounding.
+    #[inline(always)]
+    fn visibility(self, mean: f32) -> f32 {
+        // What none sees comes out as 0 by itself.
+        if self == Self::Seen { 1.0 } else { mean.min(1.0) }
+    }
 }
 
 /// What merging asks of a tree.
@@ -147,13 +186,13 @@ const NONE: u32 = u32::MAX;
 #[derive(Clone, Copy, Debug)]
 struct Cover {
     /// Their levels; negative where the input is still further down.
-    level: Vec4,
+    level: [f32; 4],
     /// 1 where they are seen, else 0.
-    seen: Vec4,
+    seen: [f32; 4],
 }
 
 impl Cover {
-    const NOBODY: Self = Self { level: Vec4::NEG_ONE, seen: Vec4::ZERO };
+    const NOBODY: Self = Self { level: [-1.0; 4], seen: [0.0; 4] };
 }
 
 /// An entry of the region at work.
@@ -162,6 +201,8 @@ struct InRegion {
     parent: u32,
     /// All inputs cover it: it has no entries below.
     last: bool,
+    /// The level at which it is split.
+    split: f32,
     lights: f64,
     intensity: f64,
 }
@@ -203,10 +244,28 @@ impl MergedCuts {
         assert!(!inputs.is_empty(), "there must be a cut to interpolate from");
         self.inputs = inputs.len();
         self.entries.clear();
-        self.excess.clear();
-        self.seen.clear();
+        if self.rows.len() < inputs.len() {
+            self.rows.resize_with(inputs.len(), Row::default);
+        }
+        self.rows.iter_mut().for_each(|row| row.truncate(0));
         self.walk.cursors.clear();
         self.walk.cursors.resize(inputs.len(), 0);
+        match self.lanes() {
+            // A constant, for which the compiler leaves out all loops over blocks.
+            1 => self.lay_over(tree, inputs, 1, hidden),
+            lanes => self.lay_over(tree, inputs, lanes, hidden),
+        }
+
+        // Fill up the last block.
+        let padded = self.entries.len().next_multiple_of(TOGETHER);
+        for row in &mut self.rows[..inputs.len()] {
+            row.excess.resize(padded, 0.0);
+            row.seen.resize(padded, 0.0);
+        }
+    }
+
+    #[inline(always)]
+    fn lay_over(&mut self, tree: &impl Topology, inputs: &[InputCut<'_>], lanes: usize, hidden: Hidden) {
         while self.walk.cursors[0] < inputs[0].nodes.len() {
             // Here all inputs begin a new node at the same leaf, and all these nodes are on one path.
             let node = inputs[0].nodes[self.walk.cursors[0]];
@@ -214,7 +273,7 @@ impl MergedCuts {
                 self.push_common(node, inputs, hidden);
             } else {
                 let coarsest = self.coarsest(tree, inputs);
-                self.push_region(tree, inputs, coarsest, hidden);
+                self.push_region(tree, inputs, coarsest, lanes, hidden);
             }
         }
         let ended = inputs.iter().zip(&self.walk.cursors).all(|(input, &at)| at == input.nodes.len());
@@ -268,60 +327,68 @@ impl MergedCuts {
         &self,
         weights: &[f32],
         beyond: f32,
-        refine: impl FnMut(u32) -> bool,
+        mut refine: impl FnMut(u32) -> bool,
         chosen: &mut Vec<Chosen>,
     ) {
         assert_eq!(weights.len(), self.inputs, "one weight per input");
         chosen.clear();
         let weights = Weights::new(weights);
-        let first = weights.block(0);
-        if self.inputs <= 4 {
-            self.select_with(|of, entry| of[entry].dot(first), beyond, refine, chosen);
-        } else {
-            let lanes = self.lanes();
-            let dot = |of: &[Vec4], entry: usize| {
-                of[entry * lanes..][..lanes]
-                    .iter()
-                    .zip(0..)
-                    .map(|(of, block)| of.dot(weights.block(block)))
-                    .sum()
-            };
-            self.select_with(dot, beyond, refine, chosen);
+        if beyond == f32::INFINITY {
+            self.sweep(&weights, chosen);
+            return;
         }
-    }
-
-    #[inline]
-    fn select_with(
-        &self,
-        dot: impl Fn(&[Vec4], usize) -> f32,
-        beyond: f32,
-        mut refine: impl FnMut(u32) -> bool,
-        chosen: &mut Vec<Chosen>,
-    ) {
+        let mean = |of: fn(&Row) -> &[f32], at: usize| -> f32 {
+            weights.all().zip(&self.rows).map(|(weight, row)| weight * of(row)[at]).sum()
+        };
         let mut at = 0;
         while let Some(entry) = self.entries.get(at) {
             let goes_on =
-                if entry.spread > beyond { refine(at as u32) } else { dot(&self.excess, at) >= 0.0 };
+                if entry.spread > beyond { refine(at as u32) } else { mean(|row| &row.excess, at) >= 0.0 };
             if goes_on {
                 at += 1;
                 continue;
             }
-            let visibility = match entry.agreed {
-                Agreed::Hidden => 0.0,
-                Agreed::Seen => 1.0,
-                // The weights sum to one but for rounding.
-                Agreed::Neither => dot(&self.seen, at).min(1.0),
-            };
+            let visibility = entry.agreed.visibility(mean(|row| &row.seen, at));
             chosen.push(Chosen { entry: at as u32, visibility });
             at = entry.end as usize;
         }
+    }
+
+    /// [`select_refining`](Self::select_refining) without anybody to ask, and several times faster: every entry is looked at, so that neither a
+    /// guess about the last one nor its end has to be waited for.
+    fn sweep(&self, weights: &Weights<'_>, chosen: &mut Vec<Chosen>) {
+        chosen.resize(self.entries.len(), Chosen { entry: 0, visibility: 0.0 });
+        let (mut count, mut first_free) = (0, 0);
+        for (block, entries) in (0..).zip(self.entries.chunks(TOGETHER)) {
+            // What the inputs say on average.
+            let start = block as usize * TOGETHER;
+            let (mut excess, mut seen) = ([0.0; TOGETHER], [0.0; TOGETHER]);
+            for (weight, row) in weights.all().zip(&self.rows) {
+                let (of_excess, of_seen) = (&row.excess[start..][..TOGETHER], &row.seen[start..][..TOGETHER]);
+                for i in 0..TOGETHER {
+                    excess[i] += weight * of_excess[i];
+                    seen[i] += weight * of_seen[i];
+                }
+            }
+
+            // Emit those that say so and are below none that was emitted.
+            for ((at, entry), (excess, seen)) in
+                (start as u32..).zip(entries).zip(excess.into_iter().zip(seen))
+            {
+                let emitted = (at >= first_free) & (excess < 0.0);
+                chosen[count] = Chosen { entry: at, visibility: entry.agreed.visibility(seen) };
+                count += usize::from(emitted);
+                first_free = if emitted { entry.end } else { first_free };
+            }
+        }
+        chosen.truncate(count);
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         let Walk { cursors, pending, covers, covering, region, sums } = &self.walk;
         self.entries.capacity() * size_of::<Entry>()
-            + (self.excess.capacity() + self.seen.capacity()) * size_of::<Vec4>()
+            + self.rows.iter().map(|row| 4 * (row.excess.capacity() + row.seen.capacity())).sum::<usize>()
             + cursors.capacity() * size_of::<usize>()
             + pending.capacity() * size_of::<(NodeId, u32)>()
             + (covers.capacity() + covering.capacity()) * size_of::<Cover>()
@@ -334,21 +401,20 @@ impl MergedCuts {
     }
 
     /// A node that all inputs have.
+    #[inline(always)]
     fn push_common(&mut self, node: NodeId, inputs: &[InputCut<'_>], hidden: Hidden) {
-        let start = self.seen.len();
         let cursors = &mut self.walk.cursors;
-        for (inputs, cursors) in inputs.chunks(4).zip(cursors.chunks(4)) {
-            self.seen.push(block(inputs.len(), |lane| f32::from(u8::from(inputs[lane].sees(cursors[lane])))));
+        let sees = |(input, &cursor): (&InputCut<'_>, &usize)| f32::from(u8::from(input.sees(cursor)));
+        let agreed = Agreed::on(inputs.iter().zip(&*cursors).map(sees));
+        if hidden == Hidden::Keep || agreed != Agreed::Hidden {
+            for ((input, cursor), row) in inputs.iter().zip(&*cursors).zip(&mut self.rows) {
+                row.seen.push(sees((input, cursor)));
+                row.excess.push(-1.0);
+            }
+            let end = self.entries.len() as u32 + 1;
+            self.entries.push(Entry { node, end, spread: 0.0, agreed });
         }
         cursors.iter_mut().for_each(|cursor| *cursor += 1);
-        let agreed = agreed(&self.seen[start..]);
-        if hidden == Hidden::Drop && agreed == Agreed::Hidden {
-            self.seen.truncate(start);
-            return;
-        }
-        let end = self.entries.len() as u32 + 1;
-        self.entries.push(Entry { node, end, spread: 0.0, agreed });
-        self.excess.resize(self.seen.len(), Vec4::NEG_ONE);
     }
 
     /// The largest of the inputs' next nodes: that of the lowest level.
@@ -360,21 +426,27 @@ impl MergedCuts {
     }
 
     /// Everything from `root`, which is in one of the inputs, down to the finest input.
-    fn push_region(&mut self, tree: &impl Topology, inputs: &[InputCut<'_>], root: NodeId, hidden: Hidden) {
+    #[inline(always)]
+    fn push_region(
+        &mut self,
+        tree: &impl Topology,
+        inputs: &[InputCut<'_>],
+        root: NodeId,
+        lanes: usize,
+        hidden: Hidden,
+    ) {
         let start = self.entries.len();
-        self.descend(tree, inputs, root);
-        self.sum_up(tree, start);
+        self.descend(tree, inputs, root, lanes);
+        self.sum_up(start, lanes);
         if hidden == Hidden::Drop && self.entries[start].agreed == Agreed::Hidden {
-            let lanes = self.lanes();
             self.entries.truncate(start);
-            self.excess.truncate(start * lanes);
-            self.seen.truncate(start * lanes);
+            self.rows.iter_mut().for_each(|row| row.truncate(start));
         }
     }
 
     /// Lists the region's nodes, parents first, with the sums of those that all inputs cover.
-    fn descend(&mut self, tree: &impl Topology, inputs: &[InputCut<'_>], root: NodeId) {
-        let lanes = self.lanes();
+    #[inline(always)]
+    fn descend(&mut self, tree: &impl Topology, inputs: &[InputCut<'_>], root: NodeId, lanes: usize) {
         let Walk { cursors, pending, covers, covering, region, sums } = &mut self.walk;
         region.clear();
         sums.clear();
@@ -386,32 +458,39 @@ impl MergedCuts {
             covering.extend(covers.drain(covers.len() - lanes..));
             let level = tree.level(node);
             let mut last = true;
-            for ((cover, cursors), inputs) in
-                covering.iter_mut().zip(cursors.chunks_mut(4)).zip(inputs.chunks(4))
-            {
-                for (lane, (cursor, input)) in cursors.iter_mut().zip(inputs).enumerate() {
+            for (block, cover) in covering.iter_mut().enumerate() {
+                let first = 4 * block;
+                for (lane, input) in of_block(inputs, block).iter().enumerate() {
+                    let cursor = &mut cursors[first + lane];
                     if cover.level[lane] < 0.0 && input.nodes.get(*cursor) == Some(&node) {
                         cover.level[lane] = level.level;
                         cover.seen[lane] = f32::from(u8::from(input.sees(*cursor)));
                         *cursor += 1;
                     }
                 }
-                for lane in inputs.len()..4 {
-                    (cover.level[lane], cover.seen[lane]) = (cover.level[0], cover.seen[0]);
-                }
-                last &= cover.level.cmpge(Vec4::ZERO).all();
+                let count = of_block(inputs, block).len();
+                cover.level = filled_up(count, |lane| cover.level[lane]);
+                cover.seen = filled_up(count, |lane| cover.seen[lane]);
+                last &= cover.level.iter().all(|&level| level >= 0.0);
             }
 
             // Note what they say about it, once all of them do. An inner node's sums come from below.
             let (lights, intensity) = (f64::from(level.lights), f64::from(level.intensity));
             let says = |cover: &Cover| Sums {
-                level: cover.level.as_dvec4() * lights,
-                seen: cover.seen.as_dvec4() * intensity,
+                level: Vec4::from_array(cover.level).as_dvec4() * lights,
+                seen: Vec4::from_array(cover.seen).as_dvec4() * intensity,
             };
             sums.extend(covering.iter().map(|cover| if last { says(cover) } else { Sums::default() }));
             let index = region.len() as u32;
-            region.push(InRegion { parent, last, lights, intensity: if last { intensity } else { 0.0 } });
-            self.entries.push(Entry { node, end: 0, spread: 0.0, agreed: Agreed::Neither });
+            let intensity = if last { intensity } else { 0.0 };
+            region.push(InRegion { parent, last, split: level.split, lights, intensity });
+            let seen = |input: usize| covering[input / 4].seen[input % 4];
+            for (input, row) in self.rows[..inputs.len()].iter_mut().enumerate() {
+                row.excess.push(-1.0);
+                row.seen.push(seen(input));
+            }
+            let agreed = Agreed::on((0..inputs.len()).map(seen));
+            self.entries.push(Entry { node, end: self.entries.len() as u32 + 1, spread: 0.0, agreed });
             if last {
                 continue;
             }
@@ -429,37 +508,34 @@ impl MergedCuts {
     }
 
     /// Sums from children to parents, and writes the region's means.
-    fn sum_up(&mut self, tree: &impl Topology, start: usize) {
-        let lanes = self.lanes();
-        self.excess.resize(self.entries.len() * lanes, Vec4::ZERO);
-        self.seen.resize(self.entries.len() * lanes, Vec4::ZERO);
+    #[inline(always)]
+    fn sum_up(&mut self, start: usize, lanes: usize) {
         let Walk { region, sums, .. } = &mut self.walk;
         for at in (0..region.len()).rev() {
-            let InRegion { parent, last, lights, intensity } = region[at];
-            let entry = &mut self.entries[start + at];
-            entry.end = entry.end.max((start + at + 1) as u32);
-            let (end, own) = (entry.end, at * lanes..(at + 1) * lanes);
-            let place = (start + at) * lanes..(start + at + 1) * lanes;
+            let InRegion { parent, last, split, lights, intensity } = region[at];
+            let (own, place) = (at * lanes..(at + 1) * lanes, start + at);
+            let entry = &mut self.entries[place];
+            let end = entry.end;
 
             // Write this node's means.
-            let split = DVec4::splat(f64::from(tree.level(entry.node).split));
-            let (per_light, per_intensity) =
-                (1.0 / lights, if intensity > 0.0 { 1.0 / intensity } else { 0.0 });
-            let (mut lowest, mut highest) = (DVec4::INFINITY, DVec4::NEG_INFINITY);
-            let means = self.excess[place.clone()].iter_mut().zip(&mut self.seen[place.clone()]);
-            for (sums, (excess, seen)) in sums[own.clone()].iter().zip(means) {
-                *seen = share(sums.seen, intensity, per_intensity);
-                if last {
-                    *excess = Vec4::NEG_ONE;
-                } else {
+            if !last {
+                let split = DVec4::splat(f64::from(split));
+                let (per_light, per_intensity) =
+                    (1.0 / lights, if intensity > 0.0 { 1.0 / intensity } else { 0.0 });
+                let (mut lowest, mut highest) = (DVec4::INFINITY, DVec4::NEG_INFINITY);
+                let rows = self.rows[..self.inputs].chunks_mut(4);
+                for (sums, rows) in sums[own.clone()].iter().zip(rows) {
+                    let seen = share(sums.seen, intensity, per_intensity);
                     let mean = sums.level * per_light;
                     (lowest, highest) = (lowest.min(mean), highest.max(mean));
-                    *excess = (mean - split).as_vec4();
+                    let excess = (mean - split).as_vec4();
+                    for (lane, row) in rows.iter_mut().enumerate() {
+                        (row.seen[place], row.excess[place]) = (seen[lane], excess[lane]);
+                    }
                 }
+                entry.spread = (highest.max_element() - lowest.min_element()) as f32;
+                entry.agreed = Agreed::on(self.rows[..self.inputs].iter().map(|row| row.seen[place]));
             }
-            let spread = if last { 0.0 } else { highest.max_element() - lowest.min_element() };
-            entry.spread = spread as f32;
-            entry.agreed = agreed(&self.seen[place]);
 
             // Pass the sums on.
             if parent != NONE {
@@ -491,25 +567,19 @@ fn share(seen: DVec4, intensity: f64, per_intensity: f64) -> Vec4 {
     part
 }
 
+/// The part of `of` that block `block` of four lanes is made of.
+#[inline(always)]
+fn of_block<T>(of: &[T], block: usize) -> &[T] {
+    &of[4 * block..of.len().min(4 * block + 4)]
+}
+
 /// A block of `count` lanes, at most four, filled up with the first.
-#[inline]
-fn block(count: usize, of: impl Fn(usize) -> f32) -> Vec4 {
-    Vec4::from_array([0, 1, 2, 3].map(|lane| of(if lane < count { lane } else { 0 })))
+#[inline(always)]
+fn filled_up(count: usize, of: impl Fn(usize) -> f32) -> [f32; 4] {
+    [0, 1, 2, 3].map(|lane| of(if lane < count { lane } else { 0 }))
 }
 
-/// Whether all say 0 or all say 1.
-#[inline]
-fn agreed(visibilities: &[Vec4]) -> Agreed {
-    if visibilities.iter().all(|&v| v == Vec4::ZERO) {
-        Agreed::Hidden
-    } else if visibilities.iter().all(|&v| v == Vec4::ONE) {
-        Agreed::Seen
-    } else {
-        Agreed::Neither
-    }
-}
-
-/// Weights in blocks of four that sum to one.
+/// Weights that sum to one.
 struct Weights<'a> {
     of: &'a [f32],
     /// Factor of each; 0 if all are to be equal.
@@ -523,13 +593,11 @@ impl<'a> Weights<'a> {
     }
 
     #[inline]
-    fn block(&self, block: usize) -> Vec4 {
-        let one = |lane: usize| match self.of.get(4 * block + lane) {
-            None => 0.0,
-            Some(_) if self.scale == 0.0 => 1.0 / self.of.len() as f32,
-            Some(&w) => usable(w) * self.scale,
-        };
-        Vec4::from_array([0, 1, 2, 3].map(one))
+    fn all(&self) -> impl Iterator<Item = f32> {
+        self.of.iter().map(|&weight| match self.scale {
+            0.0 => 1.0 / self.of.len() as f32,
+            scale => usable(weight) * scale,
+        })
     }
 }
 

@@ -65,25 +65,23 @@ pub fn assume(
 ) -> DVec3 {
     assert_eq!(chosen.len(), unoccluded.len(), "one light per node");
     wanted.clear();
-    let mut sum = DVec3::ZERO;
-    if visibility != Visibility::Full {
-        for (node, light) in chosen.iter().zip(unoccluded) {
-            sum += f64::from(node.visibility) * light.as_dvec3();
-        }
+    if visibility == Visibility::Full {
+        let lit = (0..).zip(unoccluded).filter(|(_, light)| light.element_sum() != 0.0);
+        wanted.extend(lit.map(|(at, _)| Wanted { at, assumed: 0.0 }));
+        return DVec3::ZERO;
     }
-    let total = sum.element_sum();
-    let (tolerated, trusted) = match visibility {
-        Visibility::Full => (-1.0, 0.0),
-        Visibility::Adaptive { share, trust } => (f64::from(share) * total, f64::from(trust) * total),
-        Visibility::Interpolated => return sum,
-    };
-    for (at, (node, light)) in (0..).zip(chosen.iter().zip(unoccluded)) {
-        let assumed = if visibility == Visibility::Full { 0.0 } else { node.visibility };
-        let brightness = light.as_dvec3().element_sum();
-        // No share of no light at all is no number, and asks for nothing.
-        let doubtful = brightness * f64::from(assumed.min(1.0 - assumed)) > tolerated;
-        if (doubtful || brightness > trusted) && brightness > 0.0 {
-            wanted.push(Wanted { at, assumed });
+    let nodes = || chosen.iter().zip(unoccluded);
+    let sum = nodes().fold(DVec3::ZERO, |sum, (node, &light)| sum + (node.visibility * light).as_dvec3());
+    if let Visibility::Adaptive { share, trust } = visibility {
+        let total = sum.element_sum();
+        let (tolerated, trusted) = (f64::from(share) * total, f64::from(trust) * total);
+        for (at, (node, light)) in (0..).zip(nodes()) {
+            let (assumed, brightness) = (node.visibility, f64::from(light.element_sum()));
+            let doubtful = brightness * f64::from(assumed.min(1.0 - assumed)) > tolerated;
+            // No share of no light at all is no number, and asks for nothing.
+            if (doubtful || brightness > trusted) && brightness > 0.0 {
+                wanted.push(Wanted { at, assumed });
+            }
         }
     }
     sum

@@ -299,6 +299,13 @@ proptest! {
     }
 
     #[test]
+    fn looking_at_every_entry_is_asking_one_after_the_other(case in any_case()) {
+        // No two levels differ by so much, so that nobody is asked.
+        let merged = case.merged();
+        prop_assert_eq!(select_from(&merged, &case.weights, f32::INFINITY), select_from(&merged, &case.weights, f32::MAX));
+    }
+
+    #[test]
     fn the_conservative_merge_is_the_finest_of_the_inputs(case in any_case()) {
         let (nodes, _) = select_from(&case.merged(), &case.weights, 0.0);
         case.assert_valid(&nodes);

@@ -15,6 +15,9 @@ use crate::{Camera, Film, Light, Scene};
 /// Side of the square of pixels that is shaded at once.
 pub const TILE: u32 = 8;
 
+/// Side of the block of pixels whose tiles come one after the other: what methods remember of one row of tiles is of use to the next.
+const BLOCK: u32 = 8 * TILE;
+
 /// What happened, for people and for tests. Sums over all samples, the same for any number of threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
@@ -456,20 +459,22 @@ struct PixelOrder {
     unit_pixels: Vec<Range<usize>>,
 }
 
-/// All pixels tile by tile; or those drawn by the seed, in the same order, 64 at a time.
+/// All pixels block by block, tile by tile; or those drawn by the seed, in the same order, 64 at a time.
 fn pixel_order(params: &RenderParams, seed: u32) -> PixelOrder {
     let (width, height) = (params.width, params.height);
     let count = width as usize * height as usize;
     let Some(wanted) = params.pixels.filter(|&n| n < count) else {
+        let corners = |size: u32| (0..size).step_by(TILE as usize);
+        let mut tiles: Vec<(u32, u32)> =
+            corners(height).flat_map(|top| corners(width).map(move |left| (top, left))).collect();
+        tiles.sort_by_key(|&(top, left)| (top / BLOCK, left / BLOCK));
         let mut order = PixelOrder { pixels: Vec::with_capacity(count), unit_pixels: Vec::new() };
-        for top in (0..height).step_by(TILE as usize) {
-            for left in (0..width).step_by(TILE as usize) {
-                let start = order.pixels.len();
-                for y in top..height.min(top.saturating_add(TILE)) {
-                    order.pixels.extend((left..width.min(left.saturating_add(TILE))).map(|x| y * width + x));
-                }
-                order.unit_pixels.push(start..order.pixels.len());
+        for (top, left) in tiles {
+            let start = order.pixels.len();
+            for y in top..height.min(top.saturating_add(TILE)) {
+                order.pixels.extend((left..width.min(left.saturating_add(TILE))).map(|x| y * width + x));
             }
+            order.unit_pixels.push(start..order.pixels.len());
         }
         return order;
     };

@@ -171,11 +171,11 @@ const VISIBILITY: Key = Key {
     trades: "where shadows come from: a ray for each cluster, rays where the records disagree, or the records alone; each several times faster than the one before, and blurrier",
 };
 
-const CUTINTERP_KEYS: [Key; 19] = cutinterp_keys(VISIBILITY);
-const CUTINTERP_VIS_KEYS: [Key; 19] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY });
+const CUTINTERP_KEYS: [Key; 20] = cutinterp_keys(VISIBILITY);
+const CUTINTERP_VIS_KEYS: [Key; 20] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY });
 
 /// The dials of both names of the method.
-const fn cutinterp_keys(visibility: Key) -> [Key; 19] {
+const fn cutinterp_keys(visibility: Key) -> [Key; 20] {
     [
         visibility,
         Key {
@@ -232,6 +232,12 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 19] {
             default: "refine",
             range: Range::OneOf(&["refine", "finest"]),
             trades: "what is done beyond: the cut is refined for the point itself by the bound of its error, or the finest of the cuts is taken",
+        },
+        Key {
+            name: "guard",
+            default: "2",
+            range: Range::Number(0.0, f32::INFINITY),
+            trades: "thresholds by which a cluster's error may be bounded at the point itself before it is refined for it, as a lightcut would: 1 holds every point to the threshold; inf never asks, which is up to twice as fast; visibility=interpolated never does",
         },
         Key {
             name: "rays_from",

@@ -272,10 +272,11 @@ impl<'a> Stage<'a> {
             (Tool::CutInterp(representatives, levels), Some(tree)) => {
                 let lightcut =
                     LightcutMethod { tree, representatives, params: lightcut_params(&plan.settings) };
-                if plan.method == Method::Recon {
-                    shot.reconstructed(lightcut, levels)
-                } else {
-                    shot.interpolated(lightcut, levels, &mut left.view)
+                match plan.method {
+                    // Whatever was prepared for interpolation.
+                    Method::Lightcut => shot.direct(&lightcut),
+                    Method::Recon => shot.reconstructed(lightcut, levels),
+                    _ => shot.interpolated(lightcut, levels, &mut left.view),
                 }
             }
             (_, Some(tree)) if plan.method == Method::Ris => {
@@ -502,6 +503,7 @@ fn cutinterp_params(settings: &Settings) -> Result<CutInterpParams, Failure> {
             _ => WhereBeyond::Refine,
         },
         rays_from_lights: settings.text("rays_from") == "lights",
+        guard: number("guard"),
         spread: number("spread"),
         show: Show::named(settings.text("show")),
     })

@@ -3,9 +3,13 @@
 //! Before the picture, over all of it: the points that the camera sees in the first sample, records among them, and their exact
 //! lightcuts. All of that is the same for any number of threads; the picture then only looks it up.
 
+mod entry_lights;
+mod guard;
 pub(super) mod lights;
 mod show;
 mod stages;
+#[cfg(all(test, unix))]
+mod table;
 #[cfg(test)]
 mod tests;
 mod view;
@@ -15,11 +19,13 @@ use cutinterp::{
     Visibility, Wanted,
 };
 use glam::{DVec3, Vec3};
-use lighttree::{GeometricBound, LightHierarchy, NodeBound, NodeId};
+use lighttree::{GeometricBound, Hierarchy, LightHierarchy, NodeBound, NodeId};
 use scene::{Camera, Counts, DirectLighting, Frame, Geometry, RenderParams, ShadingPoint, luminance};
 
 use super::lightcut::{LightcutMethod, LightcutScratch, REMEMBERED, transfer};
 use super::view::albedo;
+use entry_lights::{EntryLights, Lit};
+use guard::GuardScratch;
 use lights::NodeLights;
 pub(crate) use show::Show;
 pub(crate) use stages::Stages;
@@ -44,6 +50,9 @@ pub(crate) struct CutInterpParams {
     pub(crate) beyond: f32,
     /// What is done there instead.
     pub(crate) where_beyond: WhereBeyond,
+    /// Thresholds by which a node may be wrong at the point itself before it is refined down the tree; infinite: nobody asks. Without shadow
+    /// rays nobody asks either.
+    pub(crate) guard: f32,
     /// Difference of neighbouring records' brightness that makes for a second round of records; infinite: none.
     pub(crate) spread: f32,
     /// Whether shadow rays of a square of pixels go from each light to all of its points at once.
@@ -160,16 +169,15 @@ impl<'a> CutInterpMethod<'a> {
         let mut bounded = 0;
         let refine = |entry| {
             bounded += 1;
-            self.bound(point, merged.node(entry)) > tolerated
+            self.bound(point, self.view.canopy.in_tree(merged.node(entry))) > tolerated
         };
         merged.select_refining(weights, beyond, refine, chosen);
         counts.node_visits += bounded;
     }
 
-    /// Bound of the luminance that a node can give to a point.
+    /// Bound of the luminance that a node of the tree can give to a point.
     fn bound(&self, point: &ShadingPoint, node: NodeId) -> f64 {
         let LightcutMethod { tree, representatives, .. } = self.lightcut;
-        let node = self.view.canopy.in_tree(node);
         let (bounds, intensity) = (tree.bounds(node), luminance(representatives.intensity(tree, node)));
         if bounds.intensity == 0.0 || intensity == 0.0 {
             return 0.0;
@@ -189,12 +197,14 @@ impl<'a> CutInterpMethod<'a> {
 /// Reused from call to call.
 pub(crate) struct CutInterpScratch {
     lightcut: LightcutScratch,
-    merges: MergeCache<()>,
+    merges: MergeCache<EntryLights>,
     selections: Vec<Option<Selection>>,
     order: Vec<u32>,
     chosen: Vec<Chosen>,
+    lit: Vec<Lit>,
     unoccluded: Vec<Vec3>,
     wanted: Vec<Wanted>,
+    guard: GuardScratch,
     asked: Asked,
 }
 
@@ -206,8 +216,10 @@ impl Default for CutInterpScratch {
             selections: Vec::new(),
             order: Vec::new(),
             chosen: Vec::new(),
+            lit: Vec::new(),
             unoccluded: Vec::new(),
             wanted: Vec::new(),
+            guard: GuardScratch::default(),
             asked: Asked::default(),
         }
     }
@@ -225,9 +237,21 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
         radiance: &mut [DVec3],
         counts: &mut Counts,
     ) {
-        let CutInterpScratch { lightcut, merges, selections, order, chosen, unoccluded, wanted, asked } =
-            scratch;
+        let CutInterpScratch {
+            lightcut,
+            merges,
+            selections,
+            order,
+            chosen,
+            lit,
+            unoccluded,
+            wanted,
+            guard,
+            asked,
+        } = scratch;
         lightcut.blockers.resize(REMEMBERED, Q::NO_BLOCKER);
+
+        let guarded = self.params.guard < f32::INFINITY && self.params.visibility != Visibility::Interpolated;
 
         // Find each point's records, and put points with the same ones side by side.
         let mut watch = Watch::start();
@@ -253,7 +277,10 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             let point = &points[i];
 
             // Interpolate the cuts.
-            let (merged, ()) = merges.get(selection.records(), |merged, ()| self.merge(selection, merged));
+            let (merged, lights) = merges.get(selection.records(), |merged, lights| {
+                self.merge(selection, merged);
+                lights.look_up(&self.lights, merged);
+            });
             self.stages.add(Stage::Merging, watch.lap());
             self.interpolate(point, selection, merged, chosen, counts);
             counts.add_cut(chosen.len() as u64);
@@ -261,7 +288,7 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             self.stages.add(Stage::Interpolation, watch.lap());
 
             // Light the point by them, without shadows.
-            self.lights.unoccluded(frame, point, (merged, chosen), unoccluded, counts);
+            lights.unoccluded(frame, point, chosen, lit, unoccluded, counts);
             counts.light_evaluations += chosen.len() as u64;
             self.stages.add(Stage::Shading, watch.lap());
             if self.params.show != Show::Picture {
@@ -269,16 +296,33 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
                 radiance[i] = self.params.show.paint(selection, pixels, chosen, unoccluded);
                 continue;
             }
-            if self.lights.any_with_area() && asks_lights_with_area(frame) {
-                for (node, light) in chosen.iter().zip(unoccluded.iter_mut()) {
-                    let node = merged.node(node.entry);
-                    if let Some(id) = self.lights.with_area(node) {
-                        let asked = transfer(frame, point, id, &mut lightcut.blockers, rays, counts);
-                        radiance[i] += (asked.arrived * self.lights.intensity(node)).as_dvec3();
-                        *light = Vec3::ZERO;
+            let mut of_areas = DVec3::ZERO;
+            if asks_lights_with_area(frame) {
+                for (at, id, intensity) in lights.chosen_with_area(chosen) {
+                    let node = self.view.canopy.in_tree(merged.node(chosen[at].entry));
+                    if guarded && !self.lightcut.tree.is_leaf(node) {
+                        continue;
                     }
+                    let asked = transfer(frame, point, id, &mut lightcut.blockers, rays, counts);
+                    of_areas += (asked.arrived * intensity).as_dvec3();
+                    unoccluded[at] = Vec3::ZERO;
                 }
                 self.stages.add(Stage::Rays, watch.lap());
+            }
+            radiance[i] += of_areas;
+            if guarded {
+                radiance[i] += self.refine_what_breaks_the_bound(
+                    frame,
+                    point,
+                    (merged, chosen),
+                    unoccluded,
+                    luminance(of_areas.as_vec3()),
+                    guard,
+                    lightcut,
+                    rays,
+                    counts,
+                );
+                self.stages.add(Stage::Refinement, watch.lap());
             }
 
             // Add it up, and ask for shadows where they are wanted.
@@ -286,17 +330,16 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             counts.shadow_rays += wanted.len() as u64;
             self.stages.add(Stage::Summing, watch.lap());
             for wanted in wanted.iter() {
-                let (node, light) =
-                    (merged.node(chosen[wanted.at as usize].entry), unoccluded[wanted.at as usize]);
+                let (entry, light) = (chosen[wanted.at as usize].entry, unoccluded[wanted.at as usize]);
                 if self.params.rays_from_lights
-                    && let Some((id, place)) = self.lights.at_one_place(node)
+                    && let Some((id, place)) = lights.at_one_place(entry)
                 {
                     let [seen, occluded] =
                         [false, true].map(|occluded| wanted.correction(light, occluded).as_vec3());
                     asked.push(id.0, Ask { point: i as u32, place, seen, occluded });
                     continue;
                 }
-                let (segment, id) = self.lights.segment(frame, point, node);
+                let (segment, id) = lights.segment(frame, point, entry);
                 let blocker = &mut lightcut.blockers[id.0 as usize % REMEMBERED];
                 let occluded = frame.rays.occluded_via(&segment, blocker, rays);
                 radiance[i] += wanted.correction(light, occluded);
@@ -330,6 +373,7 @@ struct Asked {
     asks: Vec<Ask>,
     /// Light in the upper half, index of the ask in the lower.
     order: Vec<u64>,
+    sorted: Vec<u64>,
     targets: Vec<Vec3>,
     blocked: Vec<bool>,
 }
@@ -348,8 +392,8 @@ impl Asked {
         rays: &mut Q::Scratch,
         radiance: &mut [DVec3],
     ) {
-        let Self { asks, order, targets, blocked } = self;
-        order.sort_unstable();
+        let Self { asks, order, sorted, targets, blocked } = self;
+        sort_by_upper_half(order, sorted);
         let ask = |at: &u64| &asks[(at & u64::from(u32::MAX)) as usize];
         for same in order.chunk_by(|a, b| a >> 32 == b >> 32) {
             targets.clear();
@@ -364,6 +408,28 @@ impl Asked {
         }
         asks.clear();
         order.clear();
+    }
+}
+
+/// Sorts by the upper halves, and leaves what is equal in its order: digit by digit, the last one first. `other` is memory.
+fn sort_by_upper_half(of: &mut Vec<u64>, other: &mut Vec<u64>) {
+    const BITS: u32 = 10;
+    let largest = of.iter().max().copied().unwrap_or(0) >> 32;
+    other.resize(of.len(), 0);
+    for shift in (32..64).step_by(BITS as usize).take_while(|shift| largest >> (shift - 32) > 0) {
+        let digit = |key: u64| (key >> shift) as usize & ((1 << BITS) - 1);
+        let mut next = [0u32; 1 << BITS];
+        of.iter().for_each(|&key| next[digit(key)] += 1);
+        let mut before = 0;
+        for next in &mut next {
+            before += core::mem::replace(next, before);
+        }
+        for &key in &*of {
+            let at = &mut next[digit(key)];
+            other[*at as usize] = key;
+            *at += 1;
+        }
+        core::mem::swap(of, other);
     }
 }
 

@@ -126,7 +126,7 @@ pub(super) fn relative(intensity: Vec3, light: &Light) -> Vec3 {
 }
 
 /// The most that a light sends into any direction, W·sr⁻¹ per channel, its texture averaged.
-fn peak_intensity(light: &Light) -> Vec3 {
+pub(super) fn peak_intensity(light: &Light) -> Vec3 {
     match *light {
         Light::Point { intensity, .. } | Light::Spot { intensity, .. } | Light::Vpl { intensity, .. } => {
             intensity

@@ -23,6 +23,8 @@ pub(crate) enum Stage {
     Interpolation,
     /// Unoccluded light of each node on each point.
     Shading,
+    /// Bounds of nodes at the points themselves, and what is refined for them, shadow rays included.
+    Refinement,
     /// Sums, and lists of the shadow rays that they want.
     Summing,
     /// Shadow rays of the picture's points.
@@ -31,7 +33,7 @@ pub(crate) enum Stage {
     FallBacks,
 }
 
-const NAMES: [&str; 11] = [
+const NAMES: [&str; 12] = [
     "points",
     "placement",
     "records",
@@ -40,6 +42,7 @@ const NAMES: [&str; 11] = [
     "merging",
     "interpolation",
     "shading",
+    "refinement",
     "summing",
     "rays",
     "fall-backs",

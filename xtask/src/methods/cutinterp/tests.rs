@@ -36,7 +36,9 @@ impl Box {
         left: &mut Left,
     ) -> Rendered {
         let method = Method::named(method).unwrap();
-        let set: Vec<_> = [&["clamp=4"], set].concat().into_iter().map(str::to_owned).collect();
+        let clamp: &[&str] =
+            if set.iter().any(|dial| dial.starts_with("clamp")) { &[] } else { &["clamp=4"] };
+        let set: Vec<_> = [clamp, set].concat().into_iter().map(str::to_owned).collect();
         let settings = Settings::parse("x", &method.keys(), &set).unwrap();
         let stage = Stage { scene: &self.scene, rays: &self.rays, camera };
         let plan = Plan { method, settings, gi: Gi::Vpl(3000), bounces: 3, seed: 1, light_seed: 1 };
@@ -80,6 +82,37 @@ fn more_rays_bring_it_nearer_to_all_lights() {
     let lightcut = relmse(&set.picture("lightcut", &["threshold=0.01"]), &brute);
     assert!(full.0 < 2.0 * lightcut + 1e-4, "{} against {lightcut}", full.0);
     assert!(adaptive.0 < interpolated.0 && interpolated.0 < 0.05, "{full:?} {adaptive:?} {interpolated:?}");
+}
+
+#[test]
+fn a_guard_of_nothing_asks_every_light() {
+    let set = Box::new();
+    let brute = set.picture("brute", &[]);
+    let picture =
+        |method, set_visibility, guard| set.picture(method, &[set_visibility, guard, "max_nodes=100000"]);
+    for visibility in ["visibility=full", "visibility=adaptive"] {
+        let all = picture("cutinterp", visibility, "guard=0");
+        // Places on the lamp are not all the same.
+        let error = relmse(&all, &brute);
+        assert!(error < 2e-4, "{visibility}: {error}");
+        let none = picture("cutinterp", visibility, "guard=inf");
+        assert!(all.counts.node_visits > 2 * none.counts.node_visits);
+    }
+    // Without shadow rays nobody asks.
+    let films =
+        ["guard=0", "guard=inf"].map(|guard| picture("cutinterp-vis", "visibility=interpolated", guard).film);
+    assert_eq!(films[0], films[1]);
+}
+
+#[test]
+fn what_a_clamp_takes_is_counted() {
+    let set = Box::new();
+    let lost = |method: &str| {
+        let counts = set.picture(method, &["clamp=0.5"]).counts;
+        counts.clamped_luminance / counts.samples as f64
+    };
+    let (brute, interpolated) = (lost("brute"), lost("cutinterp-vis"));
+    assert!(brute > 0.0 && (interpolated - brute).abs() < 0.2 * brute, "{interpolated} is not {brute}");
 }
 
 #[test]
@@ -132,6 +165,21 @@ fn threads_and_parts_of_pictures_do_not_show() {
         let mask = few.mask.unwrap();
         for (i, _) in mask.iter().enumerate().filter(|(_, rendered)| **rendered) {
             assert_eq!(few.film.pixels[i], whole.film.pixels[i], "{method} {dials:?}, pixel {i}");
+        }
+    }
+}
+
+#[test]
+fn asks_are_sorted_by_light_and_stay_in_their_order() {
+    let mut random = lighttree::rng::Random::new(1, 2, 3);
+    for count in [0, 1, 2, 5000] {
+        for mask in [0, 7, 0xf_ffff, u32::MAX] {
+            let mut keys: Vec<u64> =
+                (0..count).map(|i| u64::from(random.u32() & mask) << 32 | (count - i)).collect();
+            let mut expected = keys.clone();
+            expected.sort_by_key(|key| key >> 32);
+            super::sort_by_upper_half(&mut keys, &mut Vec::new());
+            assert_eq!(keys, expected, "{count} keys of {mask:x}");
         }
     }
 }

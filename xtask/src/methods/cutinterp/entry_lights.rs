@@ -1,0 +1,352 @@
+//! The lights of merged cuts, side by side as the cuts' entries are, for all points that share them.
+
+use core::f32::consts::FRAC_1_PI;
+
+use cutinterp::{Chosen, MergedCuts};
+use glam::Vec3;
+use lighttree::{LightId, Segment};
+use scene::bsdf::{Bsdf, Phong};
+use scene::{Counts, Frame, Geometry, ShadingPoint};
+
+use super::lights::{Kind, NodeLight, NodeLights, count_lost};
+
+/// Lights that are shaded at once.
+const LANES: usize = 8;
+
+/// By entry of merged cuts: looked up once, in the order in which every point goes through them. 44 bytes each.
+#[derive(Debug, Default)]
+pub(super) struct EntryLights {
+    /// Places and directions of the virtual ones; the others are dark.
+    lanes: Vec<Lanes>,
+    /// RGB intensity of the cluster.
+    intensity: Vec<Vec3>,
+    ids: Vec<LightId>,
+    kinds: Vec<Kind>,
+    /// Entries whose lights have an area, ascending.
+    with_area: Vec<u32>,
+    plain_scale: bool,
+}
+
+impl EntryLights {
+    /// Looks up the lights of all entries of `merged`; replaces those that were here.
+    pub(super) fn look_up(&mut self, lights: &NodeLights, merged: &MergedCuts) {
+        self.plain_scale = lights.plain_scale();
+        self.lanes.clear();
+        self.lanes.resize(merged.len().div_ceil(LANES), Lanes::default());
+        self.intensity.clear();
+        self.ids.clear();
+        self.kinds.clear();
+        self.with_area.clear();
+        for (at, node) in merged.nodes().enumerate() {
+            let node = lights.at(node);
+            self.lanes[at / LANES].set(at % LANES, node);
+            self.intensity.push(node.intensity);
+            self.ids.push(node.light);
+            self.kinds.push(node.kind);
+            if node.kind == Kind::Area {
+                self.with_area.push(at as u32);
+            }
+        }
+    }
+
+    /// RGB light that each of the `chosen` entries gives to `point` without shadow; replaces what is in `out`. What clamps take
+    /// away is counted as far as it is seen by interpolated visibility, whatever the mode.
+    pub(super) fn unoccluded<Q: Geometry>(
+        &self,
+        frame: &Frame<'_, Q>,
+        point: &ShadingPoint,
+        chosen: &[Chosen],
+        lit: &mut Vec<Lit>,
+        out: &mut Vec<Vec3>,
+        counts: &mut Counts,
+    ) {
+        out.clear();
+        match &point.bsdf {
+            Bsdf::Lambert { albedo } if self.plain_scale => {
+                lit.clear();
+                lit.extend(self.lanes.iter().map(|lanes| lanes.light::<false>(point)));
+                let scatter = *albedo * FRAC_1_PI;
+                self.gather(frame, point, chosen, (lit, |_| scatter), out, counts);
+            }
+            Bsdf::Phong(phong) if self.plain_scale => {
+                let power = Power::of(phong);
+                lit.clear();
+                lit.extend(self.lanes.iter().map(|lanes| {
+                    let mut lit = lanes.light::<true>(point);
+                    power.raise(&mut lit.lobes);
+                    lit
+                }));
+                let (diffuse, lobe) = (phong.diffuse * FRAC_1_PI, phong.specular * power.scale);
+                self.gather(frame, point, chosen, (lit, |power| diffuse + lobe * power), out, counts);
+            }
+            _ => out.extend(chosen.iter().map(|chosen| self.one(frame, point, chosen, counts))),
+        }
+    }
+
+    /// Picks the `chosen` ones out of all entries' light; `scatter` is the surface's, given the lobe.
+    fn gather<Q: Geometry>(
+        &self,
+        frame: &Frame<'_, Q>,
+        point: &ShadingPoint,
+        chosen: &[Chosen],
+        (lit, scatter): (&[Lit], impl Fn(f32) -> Vec3),
+        out: &mut Vec<Vec3>,
+        counts: &mut Counts,
+    ) {
+        let clamp = frame.vpl_clamp;
+        out.extend(chosen.iter().map(|chosen| {
+            let at = chosen.entry as usize;
+            if self.kinds[at] != Kind::Virtual {
+                return self.one(frame, point, chosen, counts);
+            }
+            let (block, lane) = (&lit[at / LANES], at % LANES);
+            let unclamped = self.intensity[at] * scatter(block.lobes[lane]);
+            let geometry = block.geometry[lane];
+            if geometry > clamp {
+                counts.clamped += 1;
+                count_lost(point, unclamped * (geometry - clamp), chosen.visibility, counts);
+            }
+            unclamped * geometry.min(clamp)
+        }));
+    }
+
+    /// RGB light that an entry gives to `point` without shadow, for any light and any surface.
+    fn one<Q: Geometry>(
+        &self,
+        frame: &Frame<'_, Q>,
+        point: &ShadingPoint,
+        chosen: &Chosen,
+        counts: &mut Counts,
+    ) -> Vec3 {
+        let at = chosen.entry as usize;
+        super::lights::one(frame, point, (self.ids[at], self.intensity[at]), chosen.visibility, counts)
+    }
+
+    /// Those of the `chosen` whose lights have an area: their places among them, the light, and the RGB intensity of the cluster.
+    pub(super) fn chosen_with_area(&self, chosen: &[Chosen]) -> impl Iterator<Item = (usize, LightId, Vec3)> {
+        // Both ascend.
+        let mut from = 0;
+        self.with_area.iter().filter_map(move |&entry| {
+            from += chosen[from..].partition_point(|chosen| chosen.entry < entry);
+            let is_chosen = chosen.get(from).is_some_and(|chosen| chosen.entry == entry);
+            is_chosen.then(|| (from, self.ids[entry as usize], self.intensity[entry as usize]))
+        })
+    }
+
+    /// The light that speaks for an entry and its place, if it is the same for all points.
+    pub(super) fn at_one_place(&self, entry: u32) -> Option<(LightId, Vec3)> {
+        let at = entry as usize;
+        let place = || self.lanes[at / LANES].place(at % LANES);
+        (self.kinds[at] == Kind::Virtual).then(|| (self.ids[at], place()))
+    }
+
+    /// The shadow ray from `point` to the light that speaks for an entry, and that light.
+    pub(super) fn segment<Q: Geometry>(
+        &self,
+        frame: &Frame<'_, Q>,
+        point: &ShadingPoint,
+        entry: u32,
+    ) -> (Segment, LightId) {
+        let light = self.ids[entry as usize];
+        let segment = match self.at_one_place(entry) {
+            Some((_, place)) => Segment { from: point.origin(), to: place },
+            None => point.segment(&super::lights::placed(frame, point, light).0),
+        };
+        (segment, light)
+    }
+}
+
+/// Places and directions of several virtual lights, one axis after the other.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lanes {
+    position: [[f32; LANES]; 3],
+    normal: [[f32; LANES]; 3],
+}
+
+/// What the lanes give to a point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lit {
+    /// The geometry term cos·cos/d², not clamped; 0 below either horizon.
+    geometry: [f32; LANES],
+    /// Cosine between the light and the mirrored viewer; then its power.
+    lobes: [f32; LANES],
+}
+
+impl Lanes {
+    /// What is no virtual light stays dark.
+    #[inline]
+    fn set(&mut self, lane: usize, node: &NodeLight) {
+        for axis in 0..3 {
+            self.position[axis][lane] = node.position[axis];
+            self.normal[axis][lane] = node.normal[axis];
+        }
+    }
+
+    fn place(&self, lane: usize) -> Vec3 {
+        Vec3::from_array(self.position.map(|axis| axis[lane]))
+    }
+
+    /// In f32, for scenes of plain scale. Lanes that were not set are dark.
+    #[inline]
+    fn light<const GLOSSY: bool>(&self, point: &ShadingPoint) -> Lit {
+        let mirror = 2.0 * point.normal.dot(point.wo) * point.normal - point.wo;
+        let mut lit = Lit { geometry: [0.0; LANES], lobes: [0.0; LANES] };
+        let [x, y, z] = &self.position;
+        let [nx, ny, nz] = &self.normal;
+        for lane in 0..LANES {
+            let to = Vec3::new(x[lane], y[lane], z[lane]) - point.position;
+            let at_light = -(nx[lane] * to.x + ny[lane] * to.y + nz[lane] * to.z);
+            let (at_point, above) = (point.normal.dot(to), point.geometric_normal.dot(to));
+            let inverse_squared = 1.0 / to.length_squared();
+            let geometry = at_light * at_point * inverse_squared * inverse_squared;
+            let faces = at_light.min(at_point).min(above) > 0.0;
+            lit.geometry[lane] = if faces { geometry } else { 0.0 };
+            if GLOSSY {
+                lit.lobes[lane] = mirror.dot(to) * inverse_squared.sqrt();
+            }
+        }
+        lit
+    }
+}
+
+/// cosⁿ for several cosines at once.
+struct Power<'a> {
+    phong: &'a Phong,
+    /// The lobe at the mirror direction, sr⁻¹.
+    scale: f32,
+    /// n where it is a whole number that few multiplications reach, else 0.
+    whole: u32,
+    /// The cosine whose power is e⁻⁸⁰: what is smaller counts as 0, so that no number is too small for a fast multiplication.
+    least: f32,
+}
+
+impl<'a> Power<'a> {
+    fn of(phong: &'a Phong) -> Self {
+        let n = phong.exponent;
+        // Each multiplication may be off by 2⁻²⁴.
+        let whole = if n.fract() == 0.0 && (1.0..=512.0).contains(&n) { n as u32 } else { 0 };
+        Self { phong, scale: phong.lobe(1.0), whole, least: (-80.0 / n).exp() }
+    }
+
+    /// Replaces cosines by their powers; what is no number by 0.
+    #[inline]
+    fn raise(&self, cosines: &mut [f32; LANES]) {
+        let Self { phong, scale, whole, least } = *self;
+        if whole == 0 {
+            *cosines = cosines.map(|cos| if cos >= least { phong.lobe(cos) / scale } else { 0.0 });
+            return;
+        }
+        let mut square = cosines.map(|cos| if cos >= least { cos.min(1.0) } else { 0.0 });
+        let mut power = [1.0; LANES];
+        let mut left = whole;
+        loop {
+            if left & 1 != 0 {
+                (0..LANES).for_each(|lane| power[lane] *= square[lane]);
+            }
+            left >>= 1;
+            if left == 0 {
+                break;
+            }
+            (0..LANES).for_each(|lane| square[lane] *= square[lane]);
+        }
+        *cosines = power;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use lighttree::LightId;
+    use lighttree::rng::Random;
+    use scene::bsdf::{Bsdf, Phong};
+    use scene::{Counts, Frame, Light, SceneRays, ShadingPoint, builtin};
+
+    use super::super::lights::one;
+    use super::{Chosen, EntryLights, Kind, LANES, Lanes, NodeLight};
+
+    /// Several lights at once are what each of them is by itself: below horizons, clamped, at the point itself, in and out of the lobe,
+    /// whose exponent may be a whole number or none.
+    #[test]
+    fn lanes_are_single_lights() {
+        let scene = builtin("cornell").unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        let mut random = Random::new(3, 0, 0);
+        let mut unit = || {
+            let mut any = || 2.0 * random.f32() - 1.0;
+            Vec3::new(any(), any(), any()).try_normalize().unwrap_or(Vec3::Y)
+        };
+        let (mut lit, mut clamped, mut glossy) = (0, 0, 0);
+        for i in 0..8000u32 {
+            let normal = unit();
+            let wo = unit();
+            let albedo = Vec3::new(0.5, 0.6, 0.7);
+            let bsdf = match i % 4 {
+                0 => Bsdf::Lambert { albedo },
+                1 => Bsdf::Phong(Phong::over(albedo, 20.5)),
+                2 => Bsdf::Phong(Phong::over(albedo, 150.0)),
+                _ => Bsdf::Phong(Phong::over(albedo, 20.0)),
+            };
+            let point = ShadingPoint {
+                position: unit(),
+                geometric_normal: normal,
+                normal,
+                wo: if wo.dot(normal) < 0.0 { -wo } else { wo },
+                bsdf,
+                throughput: Vec3::ONE,
+                pixel: 0,
+                sample: 0,
+                offset: 0.0,
+            };
+            let (at, intensity) = (i as usize % 11, Vec3::new(3.0, 2.0, 1.0));
+            let mirrored = 2.0 * normal.dot(point.wo) * normal - point.wo;
+            let position = match i % 50 {
+                0 => point.position,
+                1..10 => point.position + mirrored + 0.1 * unit(),
+                _ => unit(),
+            };
+            let normal = unit();
+            let lights = [Light::Vpl { position, normal, intensity }];
+            let frame = Frame { vpl_clamp: 1.0, ..Frame::new(&scene, &rays, &lights, 1) };
+            let node = NodeLight { position, light: LightId(0), normal, kind: Kind::Virtual, intensity };
+            let mut entries = EntryLights {
+                lanes: vec![Lanes::default(); 2],
+                intensity: vec![intensity; 11],
+                ids: vec![LightId(0); 11],
+                kinds: vec![Kind::Virtual; 11],
+                with_area: vec![],
+                plain_scale: true,
+            };
+            entries.lanes[at / LANES].set(at % LANES, &node);
+            let chosen: Vec<Chosen> = (0..11).map(|entry| Chosen { entry, visibility: 1.0 }).collect();
+            let (mut out, mut counts, mut alone) = (vec![], Counts::default(), Counts::default());
+            entries.unoccluded(&frame, &point, &chosen, &mut vec![], &mut out, &mut counts);
+            let expected = one(&frame, &point, (LightId(0), intensity), 1.0, &mut alone);
+            let error = (out[at] - expected).abs().max_element();
+            assert!(error <= 1e-4 * expected.max_element() + 1e-6, "{i}: {} is not {expected}", out[at]);
+            let off = (counts.clamped_luminance - alone.clamped_luminance).abs();
+            assert!(off <= 1e-3 * alone.clamped_luminance + 1e-4, "{i}: {counts:?} is not {alone:?}");
+            assert!(counts.clamped == alone.clamped || (off < 1e-4 && error < 1e-4));
+            out.remove(at);
+            assert!(out.iter().all(|&other| other == Vec3::ZERO), "what was not set is dark");
+            lit += u32::from(expected != Vec3::ZERO);
+            clamped += counts.clamped;
+            let in_lobe = mirrored.dot((position - point.position).normalize_or_zero()) > 0.95;
+            glossy += u32::from(in_lobe && i % 4 > 0 && expected != Vec3::ZERO);
+        }
+        assert!(lit > 1000 && clamped > 50 && glossy > 100, "{lit} lit, {clamped} clamped, {glossy} glossy");
+    }
+
+    #[test]
+    fn lights_with_an_area_are_found_among_the_chosen() {
+        let entries = EntryLights {
+            intensity: (0..9).map(|i| Vec3::splat(i as f32)).collect(),
+            ids: (10..19).map(LightId).collect(),
+            with_area: vec![0, 3, 4, 8],
+            ..EntryLights::default()
+        };
+        let chosen = [0, 1, 4, 5, 7].map(|entry| Chosen { entry, visibility: 1.0 });
+        let found: Vec<_> = entries.chosen_with_area(&chosen).collect();
+        assert_eq!(found, [(0, LightId(10), Vec3::ZERO), (2, LightId(14), Vec3::splat(4.0))]);
+        assert_eq!(entries.chosen_with_area(&[]).count(), 0);
+    }
+}

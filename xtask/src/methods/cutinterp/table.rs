@@ -1,0 +1,231 @@
+//! The table of `docs/cutinterp.md`: every mode against `lightcut`, in one run over one set of virtual lights and one tree.
+//!
+//!     LIGHTTREE_TABLE=sponza:diffuse,sponza:phong:150 cargo test --release -p xtask -- --ignored --nocapture table_of_modes
+//!
+//! References are pictures by `brute` with the same seed, size and pixels, `SCENE-diffuse.exr` or `SCENE-phong.exr` in the folder
+//! `LIGHTTREE_REFERENCES`; without them there is no error column.
+
+use std::path::{Path, PathBuf};
+
+use nix::sys::resource::{UsageWho, getrusage};
+use scene::{Camera, Film, RenderParams, Rendered, Scene, SceneRays, compare};
+
+use crate::methods::Method;
+use crate::settings::Settings;
+use crate::shot::{Gi, Left, Plan, Prepared, Stage};
+use crate::{report, source};
+
+/// Pixels of a side; the paper has 1024.
+const SIZE: u32 = 512;
+
+/// Pixels that `brute` was asked for.
+const JUDGED: usize = 250;
+
+/// Pixels by which a whole `lightcut` is timed: drawn by the seed, one in 64.
+const TIMED: usize = 4096;
+
+/// Side of the pictures that are compared by eye (FLIP), with a whole picture by `lightcut`.
+const SEEN: u32 = 128;
+
+/// What is measured: a method, its dials, and a name.
+const MODES: [(&str, &[&str], &str); 4] = [
+    ("cutinterp", &["guard=inf"], "full, no guard"),
+    ("cutinterp", &[], "full"),
+    ("cutinterp", &["visibility=adaptive"], "adaptive"),
+    ("cutinterp-vis", &[], "interpolated"),
+];
+
+/// Rows of the curve, each some dials.
+const DIALS: &str = "visibility=adaptive trust=0.002 ray_share=0.0001;visibility=adaptive trust=0.001 ray_share=0.0001;\
+    visibility=adaptive trust=0.0005 ray_share=0.0001;visibility=adaptive trust=0.0001 ray_share=0.00003;\
+    visibility=full guard=inf;visibility=full guard=4;visibility=full guard=1;visibility=adaptive guard=1;\
+    visibility=full threshold=0.007;visibility=full coverage=0.5";
+
+struct Table {
+    name: String,
+    scene: Scene,
+    rays: SceneRays,
+    camera: Camera,
+    material: String,
+    reference: Option<Film>,
+}
+
+impl Table {
+    /// `NAME:MATERIALS`, such as `sponza:phong:150`.
+    fn open(what: &str) -> Option<Self> {
+        let (name, material) = what.split_once(':').expect("write scene:materials");
+        let folder = std::env::var("LIGHTTREE_SCENES").map_or_else(
+            |_| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/scenes"),
+            PathBuf::from,
+        );
+        let file = folder.join(format!("{name}.glb"));
+        if !file.exists() {
+            eprintln!("skipped: there is no {}", file.display());
+            return None;
+        }
+        let settings = settings("lightcut", material, &[]);
+        let mode = source::material_mode(&settings).unwrap();
+        let scene = source::load(file.to_str().unwrap(), mode).unwrap().0;
+        let camera = source::camera(&scene, &settings).unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        let kind = material.split(':').next().unwrap_or_default();
+        let reference = std::env::var("LIGHTTREE_REFERENCES").ok().map(|folder| {
+            let file = Path::new(&folder).join(format!("{name}-{kind}.exr"));
+            report::reference(&file, (SIZE, SIZE)).unwrap()
+        });
+        Some(Self { name: what.to_owned(), scene, rays, camera, material: material.to_owned(), reference })
+    }
+
+    fn stage(&self) -> Stage<'_> {
+        Stage { scene: &self.scene, rays: &self.rays, camera: &self.camera }
+    }
+
+    fn plan(&self, method: &str, dials: &[&str]) -> Plan {
+        let settings = settings(method, &self.material, dials);
+        let method = Method::named(method).unwrap();
+        Plan { method, settings, gi: Gi::Vpl(1_000_000), bounces: 5, seed: 1, light_seed: 1 }
+    }
+
+    /// One picture, and the seconds of one processor that it took.
+    fn take(
+        &self,
+        prepared: &Prepared<'_>,
+        plan: &Plan,
+        size: u32,
+        pixels: Option<usize>,
+        left: &mut Left,
+    ) -> (Rendered, f64) {
+        let params =
+            RenderParams { width: size, height: size, threads: 1, pixels, ..RenderParams::default() };
+        let start = processor_seconds();
+        let rendered = self.stage().render_after(plan, prepared, &params, &(), left).unwrap();
+        (rendered, processor_seconds() - start)
+    }
+
+    /// RMSE and relative RMSE on the pixels of the reference.
+    fn error(&self, film: &Film, mask: &[bool]) -> String {
+        let Some(reference) = &self.reference else { return "no reference".to_owned() };
+        let errors = compare(film, reference, Some(mask)).unwrap();
+        format!(
+            "{:.3e} | {:.2} % | {:.2} %",
+            errors.mse.sqrt(),
+            100.0 * errors.relmse.sqrt(),
+            100.0 * errors.mape
+        )
+    }
+}
+
+fn settings(method: &str, material: &str, dials: &[&str]) -> Settings {
+    let mut set = vec![format!("materials={material}"), "clamp=1".to_owned()];
+    let method = Method::named(method).unwrap();
+    set.extend(dials.iter().map(|&dial| dial.to_owned()));
+    if method == Method::Lightcut && !dials.iter().any(|dial| dial.starts_with("threshold")) {
+        set.push("threshold=0.01".to_owned());
+    }
+    Settings::parse("the table", &method.keys(), &set).unwrap()
+}
+
+fn processor_seconds() -> f64 {
+    let usage = getrusage(UsageWho::RUSAGE_SELF).unwrap();
+    let seconds = |time: nix::sys::time::TimeVal| time.tv_sec() as f64 + time.tv_usec() as f64 * 1e-6;
+    seconds(usage.user_time()) + seconds(usage.system_time())
+}
+
+fn row(name: &str, rendered: &Rendered, seconds: f64, of: f64) -> String {
+    let counts = &rendered.counts;
+    let points = counts.samples as f64;
+    format!(
+        "{name}: {seconds:.2} s, {:.1} us a point, {:.2} times faster; {:.1} rays, {:.1} visits a point; cuts of {:.0}; {} fallbacks",
+        1e6 * seconds / points,
+        of / (seconds / points),
+        counts.shadow_rays as f64 / points,
+        counts.node_visits as f64 / points,
+        counts.cut_nodes as f64 / counts.cuts.max(1) as f64,
+        counts.fallbacks,
+    )
+}
+
+fn scenes() -> Vec<Table> {
+    let scenes = std::env::var("LIGHTTREE_TABLE").unwrap_or_else(|_| "sponza:diffuse".to_owned());
+    scenes.split(',').filter_map(Table::open).collect()
+}
+
+#[test]
+#[ignore = "some minutes a scene"]
+fn table_of_modes() {
+    for table in scenes() {
+        let prepared = table.stage().prepare(&table.plan("cutinterp", &[])).unwrap();
+        let lightcut = table.plan("lightcut", &[]);
+        let mut none = Left::default();
+        eprintln!("== {}", table.name);
+        let (judged, _) = table.take(&prepared, &lightcut, SIZE, Some(JUDGED), &mut none);
+        let mask = judged.mask.clone().unwrap();
+        let (timed, seconds) = table.take(&prepared, &lightcut, SIZE, Some(TIMED), &mut none);
+        let each = seconds / timed.counts.samples as f64;
+        let (seen, small_seconds) = table.take(&prepared, &lightcut, SEEN, None, &mut none);
+        eprintln!("{}", row("lightcut", &timed, each * timed.counts.samples as f64, each));
+        eprintln!("{}", row("lightcut, small and whole", &seen, small_seconds, each));
+        eprintln!("error lightcut | {}", table.error(&judged.film, &mask));
+        for (method, dials, name) in MODES {
+            let plan = table.plan(method, dials);
+            let (whole, seconds) = table.take(&prepared, &plan, SIZE, None, &mut Left::default());
+            eprintln!("{}", row(name, &whole, seconds, each));
+            let (small, _) = table.take(&prepared, &plan, SEEN, None, &mut Left::default());
+            let flip = compare(&small.film, &seen.film, None).unwrap().flip.unwrap_or(f64::NAN);
+            eprintln!("error {name} | {} | FLIP {flip:.4}", table.error(&whole.film, &mask));
+        }
+
+        // Blocks that are divided down to single pixels take as long as a lightcut: in small only.
+        let each = small_seconds / seen.counts.samples as f64;
+        let (small, seconds) = table.take(&prepared, &table.plan("recon", &[]), SEEN, None, &mut none);
+        let flip = compare(&small.film, &seen.film, None).unwrap().flip.unwrap_or(f64::NAN);
+        eprintln!("{}\nerror recon | FLIP {flip:.4}", row("recon", &small, seconds, each));
+    }
+}
+
+/// What rays are worth to the adaptive mode.
+#[test]
+#[ignore = "some minutes a scene"]
+fn curve_of_adaptive_visibility() {
+    for table in scenes() {
+        let prepared = table.stage().prepare(&table.plan("cutinterp", &[])).unwrap();
+        let (judged, _) =
+            table.take(&prepared, &table.plan("lightcut", &[]), SIZE, Some(JUDGED), &mut Left::default());
+        let mask = judged.mask.clone().unwrap();
+        eprintln!("== {}\nlightcut | {}", table.name, table.error(&judged.film, &mask));
+        let mut left = Left::default();
+        let mut take = |dials: &[&str]| {
+            let plan = table.plan("cutinterp", dials);
+            // These do not move records.
+            let about_points = ["visibility", "trust", "ray_share", "guard"];
+            if !dials.iter().all(|dial| about_points.iter().any(|name| dial.starts_with(name))) {
+                left = Left::default();
+            }
+            let (taken, _) = table.take(&prepared, &plan, SIZE, Some(JUDGED), &mut left);
+            let rays = taken.counts.shadow_rays as f64 / taken.counts.samples as f64;
+            eprintln!("{dials:?}: {rays:.0} rays | {}", table.error(&taken.film, &mask));
+            taken
+        };
+        take(&["visibility=interpolated"]);
+        let full = take(&["visibility=full"]);
+        // Dials that move records must not find those of the last row.
+        let dials = std::env::var("LIGHTTREE_DIALS").unwrap_or_else(|_| DIALS.to_owned());
+        for dials in dials.split(';') {
+            take(&dials.split(' ').collect::<Vec<_>>());
+        }
+        let adaptive = take(&["visibility=adaptive"]);
+        let Some(reference) = &table.reference else { continue };
+        let off = |film: &Film, i: usize| (film.pixels[i] - reference.pixels[i]).element_sum() / 3.0;
+        let mut worst: Vec<usize> = (0..mask.len()).filter(|&i| mask[i]).collect();
+        worst.sort_by(|&a, &b| off(&adaptive.film, b).abs().total_cmp(&off(&adaptive.film, a).abs()));
+        for &i in &worst[..12] {
+            let all = [&judged.film, &full.film, &adaptive.film].map(|film| off(film, i));
+            eprintln!(
+                "pixel {}, {}: {:.4} is off by {all:.4?} (lightcut, full, adaptive)",
+                i % SIZE as usize,
+                i / SIZE as usize,
+                reference.pixels[i].element_sum() / 3.0
+            );
+        }
+    }
+}

@@ -235,9 +235,9 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 20] {
         },
         Key {
             name: "guard",
-            default: "2",
+            default: "inf",
             range: Range::Number(0.0, f32::INFINITY),
-            trades: "thresholds by which a cluster's error may be bounded at the point itself before it is refined for it, as a lightcut would: 1 holds every point to the threshold; inf never asks, which is up to twice as fast; visibility=interpolated never does",
+            trades: "thresholds by which a cluster's error may be bounded at the point itself before it is refined for it, as a lightcut would: 1 or 2 take away what interpolation adds to the error, for two to three times the time; visibility=interpolated never asks",
         },
         Key {
             name: "rays_from",

@@ -2,6 +2,8 @@
 //!
 //!     LIGHTTREE_TABLE=sponza:diffuse,sponza:phong:150 cargo test --release -p xtask -- --ignored --nocapture table_of_modes
 //!
+//! `LIGHTTREE_MODES=interpolated,adaptive` leaves the other modes out, and the small pictures with them.
+//!
 //! References are pictures by `brute` with the same seed, size and pixels, `SCENE-diffuse.exr` or `SCENE-phong.exr` in the folder
 //! `LIGHTTREE_REFERENCES`; without them there is no error column.
 
@@ -29,8 +31,8 @@ const SEEN: u32 = 128;
 
 /// What is measured: a method, its dials, and a name.
 const MODES: [(&str, &[&str], &str); 4] = [
-    ("cutinterp", &["guard=inf"], "full, no guard"),
     ("cutinterp", &[], "full"),
+    ("cutinterp", &["guard=2"], "full, guarded"),
     ("cutinterp", &["visibility=adaptive"], "adaptive"),
     ("cutinterp-vis", &[], "interpolated"),
 ];
@@ -38,7 +40,7 @@ const MODES: [(&str, &[&str], &str); 4] = [
 /// Rows of the curve, each some dials.
 const DIALS: &str = "visibility=adaptive trust=0.002 ray_share=0.0001;visibility=adaptive trust=0.001 ray_share=0.0001;\
     visibility=adaptive trust=0.0005 ray_share=0.0001;visibility=adaptive trust=0.0001 ray_share=0.00003;\
-    visibility=full guard=inf;visibility=full guard=4;visibility=full guard=1;visibility=adaptive guard=1;\
+    visibility=full guard=4;visibility=full guard=2;visibility=full guard=1;visibility=adaptive guard=2;\
     visibility=full threshold=0.007;visibility=full coverage=0.5";
 
 struct Table {
@@ -162,24 +164,32 @@ fn table_of_modes() {
         let mask = judged.mask.clone().unwrap();
         let (timed, seconds) = table.take(&prepared, &lightcut, SIZE, Some(TIMED), &mut none);
         let each = seconds / timed.counts.samples as f64;
-        let (seen, small_seconds) = table.take(&prepared, &lightcut, SEEN, None, &mut none);
         eprintln!("{}", row("lightcut", &timed, each * timed.counts.samples as f64, each));
-        eprintln!("{}", row("lightcut, small and whole", &seen, small_seconds, each));
         eprintln!("error lightcut | {}", table.error(&judged.film, &mask));
+        let only = std::env::var("LIGHTTREE_MODES");
         for (method, dials, name) in MODES {
+            if only.as_ref().is_ok_and(|only| !only.split(',').any(|wanted| wanted == name)) {
+                continue;
+            }
             let plan = table.plan(method, dials);
             let (whole, seconds) = table.take(&prepared, &plan, SIZE, None, &mut Left::default());
             eprintln!("{}", row(name, &whole, seconds, each));
-            let (small, _) = table.take(&prepared, &plan, SEEN, None, &mut Left::default());
-            let flip = compare(&small.film, &seen.film, None).unwrap().flip.unwrap_or(f64::NAN);
-            eprintln!("error {name} | {} | FLIP {flip:.4}", table.error(&whole.film, &mask));
+            eprintln!("error {name} | {}", table.error(&whole.film, &mask));
+        }
+        if only.is_ok() {
+            continue;
         }
 
-        // Blocks that are divided down to single pixels take as long as a lightcut: in small only.
-        let each = small_seconds / seen.counts.samples as f64;
-        let (small, seconds) = table.take(&prepared, &table.plan("recon", &[]), SEEN, None, &mut none);
-        let flip = compare(&small.film, &seen.film, None).unwrap().flip.unwrap_or(f64::NAN);
-        eprintln!("{}\nerror recon | FLIP {flip:.4}", row("recon", &small, seconds, each));
+        // Small pictures, for the eye. Blocks of `recon` that are divided down to single pixels take as long as a lightcut.
+        let (seen, seconds) = table.take(&prepared, &lightcut, SEEN, None, &mut none);
+        eprintln!("{}", row("lightcut, small", &seen, seconds, each));
+        let each = seconds / seen.counts.samples as f64;
+        for (method, dials, name) in MODES.into_iter().chain([("recon", &[][..], "recon")]) {
+            let (small, seconds) = table.take(&prepared, &table.plan(method, dials), SEEN, None, &mut none);
+            let flip = compare(&small.film, &seen.film, None).unwrap().flip.unwrap_or(f64::NAN);
+            eprintln!("FLIP {flip:.4} {}", row(&format!("{name}, small"), &small, seconds, each));
+            none = Left::default();
+        }
     }
 }
 

@@ -50,8 +50,8 @@ pub(crate) struct CutInterpParams {
     pub(crate) beyond: f32,
     /// What is done there instead.
     pub(crate) where_beyond: WhereBeyond,
-    /// Thresholds by which a node may be wrong at the point itself before it is refined down the tree; infinite: only clusters are asked for
-    /// which a lamp speaks. Without shadow rays none is.
+    /// Thresholds by which a node may be wrong at the point itself before it is refined down the tree; infinite: nobody asks. Without shadow
+    /// rays nobody asks either.
     pub(crate) guard: f32,
     /// Difference of neighbouring records' brightness that makes for a second round of records; infinite: none.
     pub(crate) spread: f32,
@@ -314,7 +314,7 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
                 radiance[i] += self.refine_what_breaks_the_bound(
                     frame,
                     point,
-                    (merged, lights, chosen),
+                    (merged, chosen),
                     unoccluded,
                     luminance(of_areas.as_vec3()),
                     guard,

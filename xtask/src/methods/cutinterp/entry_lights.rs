@@ -133,11 +133,6 @@ impl EntryLights {
         })
     }
 
-    /// Whether the light that speaks for an entry has an area.
-    pub(super) fn has_area(&self, entry: u32) -> bool {
-        self.kinds[entry as usize] == Kind::Area
-    }
-
     /// The light that speaks for an entry and its place, if it is the same for all points.
     pub(super) fn at_one_place(&self, entry: u32) -> Option<(LightId, Vec3)> {
         let at = entry as usize;

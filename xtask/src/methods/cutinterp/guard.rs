@@ -12,12 +12,7 @@ use scene::{Counts, Frame, Geometry, ShadingPoint, luminance};
 
 use super::super::lightcut::{LightcutScratch, peak_intensity, transfer};
 use super::CutInterpMethod;
-use super::entry_lights::EntryLights;
 use crate::trees::Tree;
-
-/// Thresholds that a cluster may break for which a lamp speaks, whatever the dial: its light is the point's own, and far from that of the
-/// virtual lights around it.
-const OF_LAMPS: f32 = 2.0;
 
 /// Nodes that wait to be looked at; nothing is allocated once it has grown.
 #[derive(Debug, Default)]
@@ -35,14 +30,14 @@ impl GuardScratch {
 }
 
 impl CutInterpMethod<'_> {
-    /// Refines what of the `chosen` may be wrong by more than `guard` times the threshold (of clusters for which a lamp speaks, in any case); returns the light of what came in its place,
+    /// Refines what of the `chosen` may be wrong by more than `guard` times the threshold; returns the light of what came in its place,
     /// shadows included, and takes it out of `unoccluded`. `known` is the luminance that the point has from elsewhere.
     #[expect(clippy::too_many_arguments, reason = "a point, its cut, and the memory of one thread")]
     pub(super) fn refine_what_breaks_the_bound<Q: Geometry>(
         &self,
         frame: &Frame<'_, Q>,
         point: &ShadingPoint,
-        (merged, lights, chosen): (&MergedCuts, &EntryLights, &[Chosen]),
+        (merged, chosen): (&MergedCuts, &[Chosen]),
         unoccluded: &mut [Vec3],
         known: f32,
         scratch: &mut GuardScratch,
@@ -59,17 +54,12 @@ impl CutInterpMethod<'_> {
             all += light;
         }
         let lit = lit.max(f64::from(params.floor)).max(f64::from(params.shadow_floor) * all);
-        let asks_all = self.params.guard < f32::INFINITY;
-        let thresholds = if asks_all { self.params.guard } else { OF_LAMPS };
-        let tolerated = f64::from(thresholds * params.threshold) * lit;
+        let tolerated = f64::from(self.params.guard * params.threshold) * lit;
         let tree = self.lightcut.tree;
         // In the dark nothing is tolerated: there the number of nodes is what limits a lightcut, too.
         let mut room = (params.max_nodes as usize).saturating_sub(chosen.len());
         let mut radiance = DVec3::ZERO;
         for (chosen, light) in chosen.iter().zip(unoccluded) {
-            if !asks_all && !lights.has_area(chosen.entry) {
-                continue;
-            }
             counts.node_visits += 1;
             let node = self.view.canopy.in_tree(merged.node(chosen.entry));
             if room == 0 || tree.is_leaf(node) || self.bound(point, node) <= tolerated {

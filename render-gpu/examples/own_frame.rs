@@ -219,7 +219,8 @@ pub fn run(device: &wgpu::Device, queue: &wgpu::Queue, frames: u32) -> Result<(f
     let tree = DeviceTree::new(&gpu, &TreeKernels::new(&gpu)?, &lights, Sort::default())?;
     let kernels = DrawKernels::with(&gpu, ChildChoice::default(), PIXEL)?;
     let cut = CutOptions { nodes: DRAWN, ..CutOptions::default() };
-    let method = Method::SharedCut { cut, width: WIDTH, height: HEIGHT, block: 8, interleave: 1 };
+    let method =
+        Method::SharedCut { cut, width: WIDTH, height: HEIGHT, block: 8, interleave: 1, guard: None };
     let draws = Draws::new(&gpu, &kernels, &tree, method, &receivers, 32, &drawn)?;
 
     let value = |picture: &[[f32; 4]]| {

@@ -4,11 +4,6 @@
 // worst. `draw_cdf`: one workgroup a block, one thread a pixel; nodes are staged in workgroup memory, and each pixel passes over them twice: for the sum of their weights,
 // and for cumulative probabilities, of which it keeps every eighth. A draw finds its eighth and passes over that again.
 
-@group(0) @binding(0) var<uniform> params: DrawParams;
-@group(0) @binding(1) var<storage, read> header: TreeHeader;
-@group(0) @binding(2) var<storage, read> nodes: array<PerfectNode>;
-@group(0) @binding(3) var<storage, read> receivers: array<Receiver>;
-@group(0) @binding(4) var<storage, read_write> drawn: array<WeightedLight>;
 // For each block the length of its cut and its nodes.
 @group(0) @binding(5) var<storage, read_write> cuts: array<u32>;
 // For each block and node what was learned: samples drawn, and the sum of their squared ratios.
@@ -92,6 +87,28 @@ fn is_worse(a: vec2u, b: vec2u) -> bool {
     return a.x > b.x || (a.x == b.x && a.y < b.y);
 }
 
+// Share of what the cut before has learned that a new one begins with.
+override KEEP: f32 = 0.0;
+
+var<workgroup> earlier_ids: array<u32, MOST>;
+var<workgroup> earlier: array<vec2f, MOST>;
+
+// What is known of a node from the cut before: what was learned of itself or of nodes below it, or its part of what was of the node above it.
+fn kept(id: u32, count: u32) -> vec2f {
+    let depth = depth_of(id);
+    var sum = vec2f(0.0);
+    for (var k = 0u; k < count; k++) {
+        let other = earlier_ids[k];
+        let other_depth = depth_of(other);
+        if (other_depth >= depth) {
+            sum += select(vec2f(0.0), earlier[k], other >> (other_depth - depth) == id);
+        } else if (id >> (depth - other_depth) == other) {
+            sum += earlier[k] / f32(1u << (depth - other_depth));
+        }
+    }
+    return KEEP * sum;
+}
+
 fn doubt_of(group: ReceiverGroup, space: Space, id: u32) -> f32 {
     if (depth_of(id) == header.depth) {
         return 0.0;
@@ -171,8 +188,19 @@ fn select_group_cuts(
         }
     }
 
-    // Left to right: by the slot that each begins with.
     let all = workgroupUniformLoad(&cut_count);
+    let learned_first = number * params.nodes;
+    var known = 0u;
+    if (KEEP > 0.0 && params.learn == 1u) {
+        known = min(cuts[first], params.nodes);
+        for (var i = thread; i < known; i += THREADS) {
+            earlier_ids[i] = max(cuts[first + 1u + i], 1u);
+            earlier[i] = learned[learned_first + i];
+        }
+    }
+    workgroupBarrier();
+
+    // Left to right: by the slot that each begins with.
     for (var i = thread; i < all; i += THREADS) {
         let own = first_slot(ids[i]);
         var before = 0u;
@@ -180,15 +208,12 @@ fn select_group_cuts(
             before += u32(first_slot(ids[k]) < own);
         }
         cuts[first + 1u + before] = ids[i];
+        if (params.learn == 1u) {
+            learned[learned_first + before] = kept(ids[i], known);
+        }
     }
     if (thread == 0u) {
         cuts[first] = all;
-    }
-    if (params.learn == 0u) {
-        return;
-    }
-    for (var i = thread; i < params.nodes; i += THREADS) {
-        learned[number * params.nodes + i] = vec2f(0.0);
     }
 }
 
@@ -388,7 +413,7 @@ fn draw_pixel(pixel: u32, number: u32, count: u32, space: Space, is_learned: boo
             decisions.value = wide_sub(value, vec2u(begin << 1u, 0u));
             decisions.last = wide_sub(vec2u(width << 1u, 0u), vec2u(0u, 1u));
             let node_pmf = f32(width) * (1.0 / 2147483648.0);
-            let sample = draw_below(ids[node], view, receiver, &decisions);
+            let sample = draw_light(ids[node], view, receiver, &decisions);
             // What gives nothing was drawn as well.
             tag.node = node;
             if (sample.light != NONE) {

@@ -3,12 +3,6 @@
 //
 // One thread a receiver makes its own cut and draws from each of its nodes.
 
-@group(0) @binding(0) var<uniform> params: DrawParams;
-@group(0) @binding(1) var<storage, read> header: TreeHeader;
-@group(0) @binding(2) var<storage, read> nodes: array<PerfectNode>;
-@group(0) @binding(3) var<storage, read> receivers: array<Receiver>;
-@group(0) @binding(4) var<storage, read_write> drawn: array<WeightedLight>;
-
 @compute @workgroup_size(64)
 fn draw_cut(
     @builtin(local_invocation_index) thread: u32,
@@ -31,7 +25,7 @@ fn draw_cut(
         let offset = decisions_stream_u64(&decisions);
         for (var slot = 0u; slot < length; slot++) {
             decisions_restart(&decisions, slot_start(offset, slot, length, params.per_node));
-            let sample = draw_below(cut_nodes[slot / params.per_node], view, receiver, &decisions);
+            let sample = draw_light(cut_nodes[slot / params.per_node], view, receiver, &decisions);
             var entry = NO_LIGHT;
             if (sample.light != NONE) {
                 entry = WeightedLight(sample.light, probability_weight(sample.pmf, f32(params.per_node)));

@@ -2,14 +2,9 @@
 // Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, sections 3.3 and 3.4.
 //
 // `select_cuts`: one thread a block makes a cut for one of its pixels, drawn at random among those that show a surface. `draw_shared`: one thread a
-// pixel draws from its part of its block's cut.
+// pixel draws from its part of its block's cut, or from that of a cut of its own where a guard does not admit it to its block's.
 
-@group(0) @binding(0) var<uniform> params: DrawParams;
-@group(0) @binding(1) var<storage, read> header: TreeHeader;
-@group(0) @binding(2) var<storage, read> nodes: array<PerfectNode>;
-@group(0) @binding(3) var<storage, read> receivers: array<Receiver>;
-@group(0) @binding(4) var<storage, read_write> drawn: array<WeightedLight>;
-// For each block the length of its cut and its nodes.
+// For each block the length of its cut, the pixel that it was made for, and its nodes.
 @group(0) @binding(5) var<storage, read_write> cuts: array<u32>;
 
 // Keeps the numbers of blocks apart from those of pixels: `BLOCK_SALT` of src/draw.rs.
@@ -68,10 +63,11 @@ fn select_cuts(
         let receiver = receivers[pixel];
         select_cut(view_of(receiver_position(receiver)), receiver, params.nodes, params.distance_floor);
     }
-    let first = block * (params.nodes + 1u);
+    let first = block * (params.nodes + 2u);
     cuts[first] = cut_length;
+    cuts[first + 1u] = pixel;
     for (var i = 0u; i < cut_length; i++) {
-        cuts[first + 1u + i] = cut_nodes[i];
+        cuts[first + 2u + i] = cut_nodes[i];
     }
 }
 
@@ -93,8 +89,12 @@ fn draw_shared(
         let view = view_of(position);
         let x = i % params.width;
         let y = i / params.width;
-        let cut = (y / params.block * columns() + x / params.block) * (params.nodes + 1u);
-        let length = cuts[cut] * params.per_node;
+        let cut = (y / params.block * columns() + x / params.block) * (params.nodes + 2u);
+        let is_own = !is_admitted(receivers[cuts[cut + 1u]], receiver);
+        if (is_own) {
+            select_cut(view, receiver, params.nodes, params.distance_floor);
+        }
+        let length = select(cuts[cut], cut_length, is_own) * params.per_node;
         // This pixel's share of all draws.
         let parts = params.interleave * params.interleave;
         let within = (y % params.interleave) * params.interleave + x % params.interleave;
@@ -106,8 +106,9 @@ fn draw_shared(
         for (var k = 0u; k < count; k++) {
             let slot = start + k;
             decisions_restart(&decisions, slot_start(offset, slot, length, params.per_node));
-            let node = cuts[cut + 1u + slot / params.per_node];
-            let sample = draw_below(node, view, receiver, &decisions);
+            let at = slot / params.per_node;
+            let node = select(cuts[cut + 2u + at], cut_nodes[min(at, MOST_NODES - 1u)], is_own);
+            let sample = draw_light(node, view, receiver, &decisions);
             var entry = NO_LIGHT;
             if (sample.light != NONE) {
                 let weight = probability_weight(sample.pmf, f32(params.per_node));

@@ -2,12 +2,6 @@
 //
 // One thread a receiver draws its row of lights, each by one walk from the root; their first numbers are stratified.
 
-@group(0) @binding(0) var<uniform> params: DrawParams;
-@group(0) @binding(1) var<storage, read> header: TreeHeader;
-@group(0) @binding(2) var<storage, read> nodes: array<PerfectNode>;
-@group(0) @binding(3) var<storage, read> receivers: array<Receiver>;
-@group(0) @binding(4) var<storage, read_write> drawn: array<WeightedLight>;
-
 @compute @workgroup_size(64)
 fn draw_tree(
     @builtin(local_invocation_index) thread: u32,
@@ -28,7 +22,7 @@ fn draw_tree(
         if (is_lit) {
             let within = decisions_stream_u64(&decisions);
             decisions_restart(&decisions, wide_divide(j, within, params.lights).quotient);
-            let sample = draw_below(1u, view, receiver, &decisions);
+            let sample = draw_light(1u, view, receiver, &decisions);
             if (sample.light != NONE) {
                 entry = WeightedLight(sample.light, probability_weight(sample.pmf, f32(params.lights)));
             }

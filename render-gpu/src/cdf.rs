@@ -4,8 +4,9 @@
 //! probabilities differ in their last bits.
 //!
 //! Differs from it: no distribution is kept; each pixel passes over its block's nodes twice a frame and keeps every eighth sum. What was learned serves the frames after,
-//! whose random numbers are others, so nothing is biased by it, as long as the cut and the tree are the same: lights may move, but who learned of
-//! a node that is no longer about the same place draws with more noise.
+//! whose random numbers are others, so nothing is biased by it. A new cut of the same block may take over what the one before it has learned
+//! ([`CdfDraws::encode_cuts_keeping`]): node by node, by their ids, so that lights may move and cuts change with the camera. Where a node is no longer about the same place
+//! draws have more noise, and no bias.
 
 use lighttree::{BatchLightSampler, ChildChoice, SampleRequest, WeightedLight};
 use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder, Queue};
@@ -13,25 +14,13 @@ use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder, Queue};
 use crate::draw::{DrawRequest, choice_number, within};
 use crate::kernel::{Binding, Kernel, module};
 use crate::records::{DrawParams, NodeTag};
-use crate::source::{Source, source};
+use crate::source::{Source, drawing_source, source};
 use crate::tree::DeviceTree;
 use crate::{DEFAULT_RECEIVER, Gpu, GpuError, ReceiverRecord};
 
 /// A cut for each block, and draws from distributions over it.
-pub(crate) const DRAW_CDF: Source = source!(
-    "draw_cdf",
-    receiver,
-    "lib/records.wgsl",
-    "lib/grid.wgsl",
-    "lib/wide.wgsl",
-    "lib/light.wgsl",
-    "lib/random.wgsl",
-    "lib/request.wgsl",
-    "lib/toward.wgsl",
-    "lib/walk.wgsl",
-    "lib/estimate.wgsl",
-    "draw_cdf.wgsl",
-);
+pub(crate) const DRAW_CDF: Source =
+    drawing_source!("draw_cdf", "lib/one_level.wgsl", "lib/estimate.wgsl", "draw_cdf.wgsl");
 
 /// What shadow rays found, node by node.
 pub(crate) const LEARN: Source =
@@ -39,6 +28,9 @@ pub(crate) const LEARN: Source =
 
 /// Most nodes of a cut.
 pub const MOST_CDF_NODES: u32 = 256;
+
+/// What a sample counts that an earlier cut has learned by, of one of the new cut's.
+const OF_EARLIER: f32 = 0.5;
 
 /// What is drawn, for the pixels of a picture, row by row.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +53,7 @@ pub struct CdfOptions {
 #[derive(Clone, Debug)]
 pub struct CdfKernels {
     select: Kernel,
+    select_keeping: Kernel,
     draw: Kernel,
     learn: Kernel,
 }
@@ -85,8 +78,10 @@ impl CdfKernels {
         let constants = [("CHILD_CHOICE", choice_number(choice))];
         let draws = module(gpu, &DRAW_CDF, Some(receiver))?;
         let learn = module(gpu, &LEARN, None)?;
+        let keeping = [constants[0], ("KEEP", f64::from(OF_EARLIER))];
         Ok(Self {
             select: Kernel::new(gpu, &draws, "select_group_cuts", &bindings, &constants)?,
+            select_keeping: Kernel::new(gpu, &draws, "select_group_cuts", &bindings, &keeping)?,
             draw: Kernel::new(gpu, &draws, "draw_cdf", &bindings, &constants)?,
             learn: Kernel::new(gpu, &learn, "learn_blocks", &[Uniform, Read, Read, Read, Write], &[])?,
         })
@@ -161,7 +156,7 @@ impl CdfDraws {
             width,
             height,
             block,
-            learn: u32::from(learn.is_some()),
+            learn: learn.is_some().into(),
             defensive: learn.unwrap_or(1.0),
             ..DrawParams::default()
         };
@@ -170,9 +165,19 @@ impl CdfDraws {
 
     /// Records that every block makes a cut, from the tree and the pixels as they are then, and forgets what was learned.
     pub fn encode_cuts(&self, encoder: &mut CommandEncoder) {
+        self.encode_select(encoder, &self.kernels.select);
+    }
+
+    /// Records the same, but the new cuts begin with half of what those before them have learned: of the same node, or of those below it, or
+    /// its part of what the node above it has learned. For the next frame of a film, of as many lights: then a node's id stands for about the same lights.
+    pub fn encode_cuts_keeping(&self, encoder: &mut CommandEncoder) {
+        self.encode_select(encoder, &self.kernels.select_keeping);
+    }
+
+    fn encode_select(&self, encoder: &mut CommandEncoder, kernel: &Kernel) {
         let mut pass = encoder
             .begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("cuts"), timestamp_writes: None });
-        self.kernels.select.dispatch(&mut pass, &self.group, self.blocks);
+        kernel.dispatch(&mut pass, &self.group, self.blocks);
     }
 
     /// Records the draws.
@@ -290,6 +295,7 @@ impl BatchLightSampler for BatchCdf<'_> {
                     seed: request.seed,
                     index: request.index,
                     first_stream: request.first_stream.wrapping_add(i.wrapping_mul(part as u32)),
+                    ..DrawRequest::default()
                 },
             );
             gpu.run("draw", |encoder| {

@@ -4,58 +4,37 @@
 //! `BlockGrid` and `Interleave`: with the same seed the same lights are drawn, but where two probabilities differ in their last bits.
 
 use lighttree::{BatchLightSampler, ChildChoice, SampleRequest, WeightedLight};
-use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder, Queue};
+use wgpu::{BindGroup, BindGroupLayout, Buffer, BufferUsages, CommandEncoder, Queue, ShaderModule};
 
 use crate::kernel::{Binding, Kernel, module};
 use crate::records::DrawParams;
-use crate::source::{Source, source};
+use crate::source::{Source, drawing_source};
 use crate::tree::DeviceTree;
+use crate::two_level::{self, TwoLevelTree};
 use crate::{DEFAULT_RECEIVER, Gpu, GpuError, ReceiverRecord};
 
 /// One walk for each light.
-pub(crate) const DRAW_TREE: Source = source!(
-    "draw_tree",
-    receiver,
-    "lib/records.wgsl",
-    "lib/grid.wgsl",
-    "lib/wide.wgsl",
-    "lib/light.wgsl",
-    "lib/random.wgsl",
-    "lib/request.wgsl",
-    "lib/toward.wgsl",
-    "lib/walk.wgsl",
-    "draw_tree.wgsl",
-);
+pub(crate) const DRAW_TREE: Source = drawing_source!("draw_tree", "lib/one_level.wgsl", "draw_tree.wgsl");
 
 /// A cut for each receiver.
-pub(crate) const DRAW_CUT: Source = source!(
-    "draw_cut",
-    receiver,
-    "lib/records.wgsl",
-    "lib/grid.wgsl",
-    "lib/wide.wgsl",
-    "lib/light.wgsl",
-    "lib/random.wgsl",
-    "lib/request.wgsl",
-    "lib/toward.wgsl",
-    "lib/walk.wgsl",
-    "lib/cut.wgsl",
-    "draw_cut.wgsl",
-);
+pub(crate) const DRAW_CUT: Source =
+    drawing_source!("draw_cut", "lib/one_level.wgsl", "lib/cut.wgsl", "draw_cut.wgsl");
 
 /// A cut for each block of pixels.
-pub(crate) const DRAW_SHARED: Source = source!(
+pub(crate) const DRAW_SHARED: Source = drawing_source!(
     "draw_shared",
-    receiver,
-    "lib/records.wgsl",
-    "lib/grid.wgsl",
-    "lib/wide.wgsl",
-    "lib/light.wgsl",
-    "lib/random.wgsl",
-    "lib/request.wgsl",
-    "lib/toward.wgsl",
-    "lib/walk.wgsl",
+    "lib/one_level.wgsl",
     "lib/cut.wgsl",
+    "lib/unguarded.wgsl",
+    "draw_shared.wgsl",
+);
+
+/// The same with a guard.
+pub(crate) const DRAW_GUARDED: Source = drawing_source!(
+    "draw_guarded",
+    "lib/one_level.wgsl",
+    "lib/cut.wgsl",
+    "lib/guarded.wgsl",
     "draw_shared.wgsl",
 );
 
@@ -91,7 +70,27 @@ pub enum Method {
         /// Side m of the sub-blocks over which a cut is interleaved, 1 to `block`, which it divides: each pixel draws from 1/m² of it, and all of it in turn from
         /// frame to frame.
         interleave: u32,
+        /// When a pixel makes a cut of its own instead; needs kernels [with a guard](DrawOptions::guard).
+        guard: Option<Guard>,
     },
+}
+
+/// When a pixel does not use its block's cut but makes one of its own: `stochastic::Guard`, with the same meaning and default.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guard {
+    /// Smallest cosine between its normal and that of the pixel which the cut was made for, in [-1, 1]; -1 admits all.
+    pub min_normal_cos: f32,
+    /// Largest distance of either point from the other's tangent plane, as a share of the smaller depth; infinite admits all.
+    pub max_plane_distance: f32,
+    /// Largest distance of the points, as a share of the smaller depth; infinite admits all.
+    pub max_distance: f32,
+}
+
+impl Default for Guard {
+    /// 25°; 2 % of the depth from the plane; half of the depth away.
+    fn default() -> Self {
+        Self { min_normal_cos: 0.906, max_plane_distance: 0.02, max_distance: 0.5 }
+    }
 }
 
 /// A cut, and how many lights are drawn from it.
@@ -129,7 +128,7 @@ impl Method {
         match *self {
             Self::Tree { lights } => within("lights for each receiver", lights, 1, 65535),
             Self::Cut(cut) => cut.check(),
-            Self::SharedCut { cut, width, height, block, interleave } => {
+            Self::SharedCut { cut, width, height, block, interleave, .. } => {
                 cut.check()?;
                 within("columns", width, 1, 1 << 16)?;
                 within("rows", height, 1, 1 << 16)?;
@@ -151,12 +150,24 @@ impl Method {
         match *self {
             Self::Tree { .. } => params,
             Self::Cut(cut) => with(cut),
-            Self::SharedCut { cut, width, height, block, interleave } => {
-                DrawParams { width, height, block, interleave, ..with(cut) }
+            Self::SharedCut { cut, width, height, block, interleave, guard } => {
+                let params = DrawParams { width, height, block, interleave, ..with(cut) };
+                let Some(guard) = guard else { return params };
+                // A kernel need not know infinity.
+                DrawParams {
+                    guard: 1,
+                    min_normal_cos: guard.min_normal_cos,
+                    max_plane_distance: guard.max_plane_distance.min(FAR),
+                    max_distance: guard.max_distance.min(FAR),
+                    ..params
+                }
             }
         }
     }
 }
+
+/// Beyond every distance in depths.
+const FAR: f32 = 1e18;
 
 impl CutOptions {
     fn check(&self) -> Result<(), GpuError> {
@@ -173,13 +184,37 @@ pub(crate) fn within(what: &'static str, count: u32, least: u32, most: u32) -> R
     Err(GpuError::Range { what, count, least, most })
 }
 
-/// The kernels that draw, for one kind of receiver: once for a device.
+/// What kernels that draw are made for.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawOptions<'a> {
+    /// How walks choose between two children.
+    pub choice: ChildChoice,
+    /// WGSL of the receivers; [`DEFAULT_RECEIVER`] says what it has to hold.
+    pub receiver: &'a str,
+    /// For a [`TwoLevelTree`](crate::two_level::TwoLevelTree) and not a [`DeviceTree`].
+    pub two_level: bool,
+    /// With a guard of shared cuts, which needs a third function of the receivers: `receiver_lobes`, as [distributions](crate::cdf) do.
+    pub guard: bool,
+}
+
+impl Default for DrawOptions<'_> {
+    /// [`ReceiverRecord`]s, a [`DeviceTree`], no guard.
+    fn default() -> Self {
+        let choice = ChildChoice::default();
+        Self { choice, receiver: DEFAULT_RECEIVER, two_level: false, guard: false }
+    }
+}
+
+/// The kernels that draw, for one kind of receiver and of tree: once for a device.
 #[derive(Clone, Debug)]
 pub struct DrawKernels {
     tree: Kernel,
     cut: Kernel,
     select: Kernel,
     shared: Kernel,
+    guard: bool,
+    /// Layout of the instances.
+    levels: Option<BindGroupLayout>,
 }
 
 impl DrawKernels {
@@ -188,7 +223,7 @@ impl DrawKernels {
     /// # Errors
     /// What the device has against it.
     pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        Self::with(gpu, ChildChoice::default(), DEFAULT_RECEIVER)
+        Self::with_options(gpu, &DrawOptions::default())
     }
 
     /// For the receivers of this WGSL; [`DEFAULT_RECEIVER`] says what it has to hold.
@@ -196,20 +231,60 @@ impl DrawKernels {
     /// # Errors
     /// [`GpuError::Refused`] for WGSL that does not fit.
     pub fn with(gpu: &Gpu, choice: ChildChoice, receiver: &str) -> Result<Self, GpuError> {
+        Self::with_options(gpu, &DrawOptions { choice, receiver, ..DrawOptions::default() })
+    }
+
+    /// For whatever there is to choose.
+    ///
+    /// # Errors
+    /// [`GpuError::Refused`] for WGSL that does not fit.
+    pub fn with_options(gpu: &Gpu, options: &DrawOptions<'_>) -> Result<Self, GpuError> {
         use Binding::{Read, Uniform, Write};
+        let DrawOptions { choice, receiver, two_level, guard } = *options;
         let own = [Uniform, Read, Read, Read, Write];
         let shared = [Uniform, Read, Read, Read, Write, Write];
         let constants = [("CHILD_CHOICE", choice_number(choice))];
-        let kernel = |source: &Source, entry, bindings: &[Binding]| {
-            Kernel::new(gpu, &module(gpu, source, Some(receiver))?, entry, bindings, &constants)
+        let levels = two_level.then(|| two_level::layout(gpu)).transpose()?;
+        let others: Vec<_> = levels.iter().collect();
+        let kernel = |module: &ShaderModule, entry, bindings: &[Binding]| {
+            Kernel::with_groups(gpu, module, entry, bindings, &others, &constants)
         };
-        let blocks = module(gpu, &DRAW_SHARED, Some(receiver))?;
+        let module =
+            |one: &Source, two: &Source| module(gpu, if two_level { two } else { one }, Some(receiver));
+        let blocks = if guard {
+            module(&DRAW_GUARDED, &two_level::DRAW_GUARDED)?
+        } else {
+            module(&DRAW_SHARED, &two_level::DRAW_SHARED)?
+        };
         Ok(Self {
-            tree: kernel(&DRAW_TREE, "draw_tree", &own)?,
-            cut: kernel(&DRAW_CUT, "draw_cut", &own)?,
-            select: Kernel::new(gpu, &blocks, "select_cuts", &shared, &constants)?,
-            shared: Kernel::new(gpu, &blocks, "draw_shared", &shared, &constants)?,
+            tree: kernel(&module(&DRAW_TREE, &two_level::DRAW_TREE)?, "draw_tree", &own)?,
+            cut: kernel(&module(&DRAW_CUT, &two_level::DRAW_CUT)?, "draw_cut", &own)?,
+            select: kernel(&blocks, "select_cuts", &shared)?,
+            shared: kernel(&blocks, "draw_shared", &shared)?,
+            guard,
+            levels,
         })
+    }
+}
+
+/// A tree that lights are drawn from.
+#[derive(Clone, Copy, Debug)]
+pub enum LightTrees<'a> {
+    /// Of lights in world space.
+    One(&'a DeviceTree),
+    /// Of instances, with a tree for each mesh.
+    Two(&'a TwoLevelTree),
+}
+
+impl<'a> From<&'a DeviceTree> for LightTrees<'a> {
+    fn from(tree: &'a DeviceTree) -> Self {
+        Self::One(tree)
+    }
+}
+
+impl<'a> From<&'a TwoLevelTree> for LightTrees<'a> {
+    fn from(tree: &'a TwoLevelTree) -> Self {
+        Self::Two(tree)
     }
 }
 
@@ -225,7 +300,7 @@ pub(crate) fn choice_number(choice: ChildChoice) -> f64 {
 
 /// Draws lights for the receivers of one buffer into another, in each frame.
 ///
-/// Memory: the parameters, and of [`SharedCut`](Method::SharedCut) 4 · (nodes + 1) bytes a block; rows are 8 bytes an entry, in the host's buffer.
+/// Memory: the parameters, and of [`SharedCut`](Method::SharedCut) 4 · (nodes + 2) bytes a block; rows are 8 bytes an entry, in the host's buffer.
 #[derive(Clone, Debug)]
 pub struct Draws {
     kernels: DrawKernels,
@@ -233,6 +308,8 @@ pub struct Draws {
     capacity: u32,
     params: Buffer,
     group: BindGroup,
+    /// Of a tree with two levels.
+    levels: Option<BindGroup>,
 }
 
 impl Draws {
@@ -240,17 +317,34 @@ impl Draws {
     /// receiver `i`. As many receivers as both have room for.
     ///
     /// # Errors
-    /// [`GpuError::Range`] for a number of the method's; [`GpuError::TooMany`] if a picture has more pixels than that.
-    pub fn new(
+    /// [`GpuError::Range`] for a number of the method's; [`GpuError::TooMany`] if a picture has more pixels than that; [`GpuError::Refused`] if the kernels are
+    /// not for such a tree, or have no guard and the method has.
+    pub fn new<'t>(
         gpu: &Gpu,
         kernels: &DrawKernels,
-        tree: &DeviceTree,
+        tree: impl Into<LightTrees<'t>>,
         method: Method,
         receivers: &Buffer,
         stride: u64,
         drawn: &Buffer,
     ) -> Result<Self, GpuError> {
         method.check()?;
+        let (tree, levels) = match tree.into() {
+            LightTrees::One(tree) => (tree, None),
+            LightTrees::Two(tree) => (tree.top(), Some(tree)),
+        };
+        let has_guard = matches!(method, Method::SharedCut { guard: Some(_), .. });
+        let misfits = [
+            (levels.is_some() != kernels.levels.is_some(), "the kernels are for the other kind of tree"),
+            (has_guard && !kernels.guard, "the kernels have no guard"),
+        ];
+        if let Some((_, reason)) = misfits.into_iter().find(|&(misfits, _)| misfits) {
+            return Err(GpuError::Refused { what: "draws".to_owned(), reason: reason.to_owned() });
+        }
+        let levels = match (levels, &kernels.levels) {
+            (Some(tree), Some(layout)) => Some(tree.bind(gpu, layout)?),
+            _ => None,
+        };
         let rows = drawn.size() / (size_of::<WeightedLight>() as u64 * u64::from(method.lights()));
         let capacity = (receivers.size() / stride.max(1)).min(rows).min(u32::MAX.into()) as u32;
         let params = gpu.buffer("draw parameters", size_of::<DrawParams>() as u64, BufferUsages::UNIFORM)?;
@@ -265,12 +359,12 @@ impl Draws {
                 }
                 let blocks = u64::from(width.div_ceil(block)) * u64::from(height.div_ceil(block));
                 let cuts =
-                    gpu.buffer("cuts", 4 * blocks * u64::from(cut.nodes + 1), BufferUsages::empty())?;
+                    gpu.buffer("cuts", 4 * blocks * u64::from(cut.nodes + 2), BufferUsages::empty())?;
                 let [a, b, c, d, e] = buffers;
                 kernels.shared.bind(gpu, &[a, b, c, d, e, &cuts])?
             }
         };
-        let draws = Self { kernels: kernels.clone(), method, capacity, params, group };
+        let draws = Self { kernels: kernels.clone(), method, capacity, params, group, levels };
         draws.set_request(gpu.queue(), &DrawRequest::default())?;
         Ok(draws)
     }
@@ -298,6 +392,7 @@ impl Draws {
             seed: request.seed,
             index: request.index,
             first_stream: request.first_stream,
+            eye: request.eye,
             ..self.method.params()
         };
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
@@ -311,6 +406,9 @@ impl Draws {
             timestamp_writes: None,
         });
         let pass = &mut pass;
+        if let Some(levels) = &self.levels {
+            pass.set_bind_group(1, levels, &[]);
+        }
         let all = self.capacity.div_ceil(64);
         let kernels = &self.kernels;
         match self.method {
@@ -326,7 +424,7 @@ impl Draws {
 }
 
 /// What to draw: a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawRequest {
     /// The first so many receivers of the buffer; `None`: all.
     pub receivers: Option<u32>,
@@ -336,6 +434,8 @@ pub struct DrawRequest {
     pub index: u32,
     /// Stream of the first receiver; receiver `i` has stream `first_stream + i`.
     pub first_stream: u32,
+    /// Where the camera is, world space; only [guards](Guard) look at it.
+    pub eye: [f32; 3],
 }
 
 /// Draws for tools and tests: receivers go up, lights come back. [`Method::Tree`] and [`Method::Cut`] only, whose receivers have nothing to do with one
@@ -436,6 +536,7 @@ impl BatchLightSampler for BatchDraws<'_> {
                 seed: request.seed,
                 index: request.index,
                 first_stream: request.first_stream.wrapping_add(i.wrapping_mul(part as u32)),
+                ..DrawRequest::default()
             };
             ready.draws.set_request(gpu.queue(), &request)?;
             gpu.run("draw", |encoder| ready.draws.encode(encoder))?;

@@ -27,6 +27,7 @@ pub mod source;
 mod stages;
 mod transfer;
 pub mod tree;
+pub mod two_level;
 
 pub use error::GpuError;
 pub use gpu::{Gpu, required_limits};

@@ -84,6 +84,22 @@ pub struct DrawParams {
     pub learn: u32,
     /// Share of the draws that does not go by what was learned, in [0, 1].
     pub defensive: f32,
+    /// Of shared cuts: 1 if they have a guard, otherwise 0.
+    pub guard: u32,
+    /// Least cosine between the normals of a pixel and of the one that its block's cut was made for.
+    pub min_normal_cos: f32,
+    /// Where the camera is, world space: distances from it are depths.
+    pub eye: [f32; 3],
+    /// Largest distance of either pixel's point from the other's tangent plane, in depths.
+    pub max_plane_distance: f32,
+    /// Largest distance of both points, in depths.
+    pub max_distance: f32,
+    /// Not looked at.
+    pub spare0: u32,
+    /// Not looked at.
+    pub spare1: u32,
+    /// Not looked at.
+    pub spare2: u32,
 }
 
 /// What an entry that was drawn from a distribution over a cut is to be learned by.
@@ -127,8 +143,12 @@ pub const LAYOUTS: &[Layout] = &[
     layout!(crate::ReceiverRecord, "Receiver": position, diffuse, normal, peak, axis, width_squared),
     layout!(
         DrawParams, "DrawParams": receivers, lights, seed, index, first_stream, nodes, per_node, distance_floor, width,
-        height, block, interleave, learn, defensive,
+        height, block, interleave, learn, defensive, guard, min_normal_cos, eye, max_plane_distance, max_distance, spare0,
+        spare1, spare2,
     ),
     layout!(NodeTag, "NodeTag": node, scale),
+    layout!(
+        crate::two_level::InstanceRecord, "LightInstance": x, y, z, mesh, first_light, first_node, strength,
+    ),
     layout!(TreeHeader, "TreeHeader": min, len, scale, depth, dropped, invalid, unit_exponent, inner, starts),
 ];

@@ -3,7 +3,8 @@
 //! WGSL's declarations see one another in any order within a module, so a module is a list of files and nothing else: no
 //! preprocessor, no build script, and every file can be edited and checked with ordinary tools. Considered and left out: `naga_oil` (its shaders are
 //! no longer plain WGSL, and need a feature of wgpu that others do not), WESL (compiles as long as wgpu does). What differs between variants is
-//! an `override` constant, set where the pipeline is made. Files in `shaders/lib/` declare no bindings; each kernel's own file does.
+//! an `override` constant, set where the pipeline is made. Files in `shaders/lib/` declare no bindings; each kernel's own file
+//! does, and `draws.wgsl` and `two_level.wgsl` for several.
 
 /// The text of one module.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +32,17 @@ macro_rules! source {
 }
 pub(crate) use source;
 
+/// The same for a kernel that draws: with receivers, the tree, walks down it, and what all of these bind.
+macro_rules! drawing_source {
+    ($name:literal, $($file:literal),+ $(,)?) => {
+        crate::source::source!(
+            $name, receiver, "lib/records.wgsl", "lib/grid.wgsl", "lib/wide.wgsl", "lib/light.wgsl", "lib/random.wgsl",
+            "lib/request.wgsl", "lib/toward.wgsl", "lib/walk.wgsl", "draws.wgsl", $($file),+
+        )
+    };
+}
+pub(crate) use drawing_source;
+
 /// Every module of this crate: what tests validate.
 pub const ALL: &[Source] = &[
     crate::tree::SURVEY,
@@ -41,6 +53,12 @@ pub const ALL: &[Source] = &[
     crate::draw::DRAW_TREE,
     crate::draw::DRAW_CUT,
     crate::draw::DRAW_SHARED,
+    crate::draw::DRAW_GUARDED,
+    crate::two_level::DRAW_TREE,
+    crate::two_level::DRAW_CUT,
+    crate::two_level::DRAW_SHARED,
+    crate::two_level::DRAW_GUARDED,
+    crate::two_level::PLACE,
     crate::rays::CLOSEST,
     crate::rays::OCCLUDED,
     crate::shade::SHADE,

@@ -127,6 +127,7 @@ impl<'a> Twin<'a> {
 }
 
 struct Frame {
+    receivers: wgpu::Buffer,
     draws: CdfDraws,
     drawn: wgpu::Buffer,
     entries: usize,
@@ -134,12 +135,12 @@ struct Frame {
 
 impl Frame {
     fn new(gpu: &Gpu, tree: &DeviceTree, pixels: &[ReceiverRecord], options: CdfOptions) -> Self {
-        let buffer = gpu.upload("receivers", pixels).unwrap();
+        let receivers = gpu.upload("receivers", pixels).unwrap();
         let entries = pixels.len() * options.lights as usize;
         let drawn = gpu.upload("drawn", &vec![WeightedLight::NONE; entries]).unwrap();
-        let draws = CdfDraws::new(gpu, &KERNELS, tree, options, &buffer, 48, &drawn).unwrap();
+        let draws = CdfDraws::new(gpu, &KERNELS, tree, options, &receivers, 48, &drawn).unwrap();
         gpu.run("cuts", |encoder| draws.encode_cuts(encoder)).unwrap();
-        Self { draws, drawn, entries }
+        Self { receivers, draws, drawn, entries }
     }
 
     fn draw(&self, gpu: &Gpu, request: &DrawRequest) -> Vec<WeightedLight> {
@@ -154,6 +155,14 @@ impl Frame {
         let words: Vec<u32> = gpu.read(self.draws.cuts(), self.draws.cuts().size() as usize / 4).unwrap();
         let cut = |words: &[u32]| words[1..][..words[0] as usize].iter().map(|&id| NodeId(id)).collect();
         words.chunks_exact(row).map(cut).collect()
+    }
+
+    /// What was learned of the nodes of each block's cut: samples, and squares.
+    fn learned(&self, gpu: &Gpu, options: &CdfOptions) -> Vec<Vec<[f32; 2]>> {
+        let all: Vec<[f32; 2]> =
+            gpu.read(self.draws.learned(), self.draws.learned().size() as usize / 8).unwrap();
+        let cuts = self.cuts(gpu, options);
+        all.chunks_exact(options.nodes as usize).zip(cuts).map(|(l, cut)| l[..cut.len()].to_vec()).collect()
     }
 }
 
@@ -176,7 +185,7 @@ fn distributions_draw_the_lights_that_the_cpu_draws() {
         let twin = Twin::new(&tree, &pixels, &options);
         let ours = frame.cuts(gpu, &options);
         let other_cuts = ours.iter().zip(&twin.cuts).filter(|(a, b)| **a != b.nodes()).count();
-        let request = DrawRequest { seed: 2, index: 5, first_stream: 9, receivers: None };
+        let request = DrawRequest { seed: 2, index: 5, first_stream: 9, ..DrawRequest::default() };
         let (ours, theirs) = (frame.draw(gpu, &request), twin.draw(&options, &request));
         // A cut that differs is one for a whole block.
         let ties = ties(&ours, &theirs, true).unwrap();
@@ -205,6 +214,87 @@ fn outcomes(pixels: &[ReceiverRecord], lights: &[LightBounds], rows: &[WeightedL
     rows.iter().enumerate().map(gave).collect()
 }
 
+/// What all lights that are seen give each pixel.
+fn truth(pixels: &[ReceiverRecord], lights: &[LightBounds]) -> Vec<f64> {
+    let of = |pixel: &ReceiverRecord| {
+        let seen = (0..lights.len()).filter(|&light| sees(light as u32));
+        if *pixel == ReceiverRecord::NONE { 0.0 } else { seen.map(|l| contribution(pixel, &lights[l])).sum() }
+    };
+    pixels.iter().map(of).collect()
+}
+
+/// What a node of a new cut begins with: half of what the cut before has learned of it, of what is below it, or its part of what is above it.
+fn kept(node: NodeId, cut: &[NodeId], learned: &[[f32; 2]]) -> [f64; 2] {
+    let mut sum = [0.0; 2];
+    for (other, learned) in cut.iter().zip(learned) {
+        let [up, down] = [(node.0, other.0), (other.0, node.0)]
+            .map(|(a, b): (u32, u32)| a.ilog2().checked_sub(b.ilog2()).filter(|d| a >> d == b));
+        let share = match (down, up) {
+            (Some(_), _) => 0.5,
+            (None, Some(depth)) => 0.5 / f64::from(1u32 << depth),
+            (None, None) => continue,
+        };
+        (0..2).for_each(|i| sum[i] += share * f64::from(learned[i]));
+    }
+    sum
+}
+
+#[test]
+fn new_cuts_keep_what_earlier_ones_have_learned() {
+    let gpu = gpu_or_skip!();
+    let mut pixels = picture();
+    let mut lights = lights(2000, 3);
+    lights.sort_by(|a, b| a.min.x.total_cmp(&b.min.x));
+    let device = device_tree(gpu, &lights);
+    let options = options(64, 8, 8, Some(0.1));
+    let frame = Frame::new(gpu, &device, &pixels, options);
+    let buffer = gpu.buffer("outcomes", 4 * frame.entries as u64, wgpu::BufferUsages::empty()).unwrap();
+    let learner = frame.draws.learner(gpu, &buffer).unwrap();
+    for index in 0..6 {
+        let rows = frame.draw(gpu, &DrawRequest { seed: 7, index, ..DrawRequest::default() });
+        gpu.write(&buffer, &outcomes(&pixels, &lights, &rows)).unwrap();
+        gpu.run("learn", |encoder| learner.encode(encoder)).unwrap();
+    }
+    let (cuts, learned) = (frame.cuts(gpu, &options), frame.learned(gpu, &options));
+
+    // The camera moves: other cuts, with less noise than those that begin with nothing.
+    for pixel in pixels.iter_mut().filter(|pixel| **pixel != ReceiverRecord::NONE) {
+        pixel.position[0] += 0.7;
+    }
+    gpu.write(&frame.receivers, &pixels).unwrap();
+    let truth = truth(&pixels, &lights);
+    let squared_error = || -> f64 {
+        let rows = frame.draw(gpu, &DrawRequest { seed: 7, index: 100, ..DrawRequest::default() });
+        let gave = outcomes(&pixels, &lights, &rows);
+        let sums = rows.chunks(8).zip(gave.chunks(8)).map(|(row, gave)| {
+            row.iter().zip(gave).map(|(e, g)| f64::from(e.weight) * f64::from(*g)).sum::<f64>()
+        });
+        sums.zip(&truth).filter(|(_, t)| **t > 0.0).map(|(sum, t)| (sum / t - 1.0).powi(2)).sum()
+    };
+    gpu.run("cuts", |encoder| frame.draws.encode_cuts_keeping(encoder)).unwrap();
+    let (new_cuts, new_learned) = (frame.cuts(gpu, &options), frame.learned(gpu, &options));
+    assert!(cuts.iter().zip(&new_cuts).filter(|(a, b)| a != b).count() > cuts.len() / 2);
+    for (block, (cut, found)) in new_cuts.iter().zip(&new_learned).enumerate() {
+        for (&node, found) in cut.iter().zip(found) {
+            let wanted = kept(node, &cuts[block], &learned[block]);
+            for (found, wanted) in found.iter().zip(wanted) {
+                let found = f64::from(*found);
+                assert!((found - wanted).abs() <= 1e-5 * wanted, "block {block}: {found}, not {wanted}");
+            }
+        }
+    }
+    assert!(new_learned.iter().flatten().any(|[samples, _]| *samples > 0.0));
+    let keeping = squared_error();
+
+    // The control: cuts that forget.
+    gpu.run("cuts", |encoder| frame.draws.encode_cuts(encoder)).unwrap();
+    assert_eq!(frame.cuts(gpu, &options), new_cuts);
+    assert!(frame.learned(gpu, &options).iter().flatten().all(|learned| *learned == [0.0; 2]));
+    let forgetting = squared_error();
+    eprintln!("squared error {keeping:.1} with what was learned, {forgetting:.1} without");
+    assert!(keeping < 0.7 * forgetting);
+}
+
 #[test]
 fn what_is_learned_is_what_the_cpu_learns_and_saves_noise() {
     let gpu = gpu_or_skip!();
@@ -220,17 +310,7 @@ fn what_is_learned_is_what_the_cpu_learns_and_saves_noise() {
     let buffer = gpu.buffer("outcomes", 4 * frame.entries as u64, wgpu::BufferUsages::empty()).unwrap();
     let learner = frame.draws.learner(gpu, &buffer).unwrap();
 
-    let truth: Vec<f64> = pixels
-        .iter()
-        .map(|pixel| {
-            let seen = (0..lights.len()).filter(|&light| sees(light as u32));
-            if *pixel == ReceiverRecord::NONE {
-                0.0
-            } else {
-                seen.map(|l| contribution(pixel, &lights[l])).sum()
-            }
-        })
-        .collect();
+    let truth = truth(&pixels, &lights);
     let (mut error, mut means) = (vec![], vec![0.0; pixels.len()]);
     const FRAMES: u32 = 12;
     for index in 0..FRAMES {

@@ -17,14 +17,21 @@ use lighttree::{
 };
 use proptest::strategy::{Strategy, ValueTree};
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
-use render_gpu::draw::{BLOCK_SALT, BatchDraws, CutOptions, DrawKernels, DrawRequest, Draws, Method};
+use render_gpu::draw::{
+    BLOCK_SALT, BatchDraws, CutOptions, DrawKernels, DrawOptions, DrawRequest, Draws, Guard, Method,
+};
 use render_gpu::records::LightRecord;
 use render_gpu::tree::{DeviceTree, Sort};
 use render_gpu::{DEFAULT_RECEIVER, GpuError, ReceiverRecord};
-use stochastic::{BlockGrid, CutParams, CutSampler, Interleave, Selection};
+use stochastic::{BlockGrid, CutParams, CutSampler, Interleave, Selection, SurfacePoint};
 
 static DRAWS: LazyLock<DrawKernels> =
     LazyLock::new(|| DrawKernels::new(common::gpu().expect("asked for with one")).unwrap());
+
+static GUARDED: LazyLock<DrawKernels> = LazyLock::new(|| {
+    let options = DrawOptions { guard: true, ..DrawOptions::default() };
+    DrawKernels::with_options(common::gpu().expect("asked for with one"), &options).unwrap()
+});
 
 #[test]
 fn walks_draw_the_lights_that_the_cpu_draws() {
@@ -124,20 +131,38 @@ fn shared_cuts_draw_the_lights_that_the_cpu_draws() {
         }
     }
     let buffer = gpu.upload("receivers", &pixels).unwrap();
-    for (block, interleave, nodes, per_node, frame) in [
-        (8, 1, 8, 1, 0),
-        (8, 2, 32, 1, 5),
-        (7, 1, 4, 2, 1),
-        (8, 4, 8, 1, 3),
-        (64, 8, 32, 2, 60),
-        (1, 1, 8, 1, 9),
+    let guard = Some(Guard { min_normal_cos: 0.2, max_distance: 2.0, ..Guard::default() });
+    let eye = [10.0, -5.0, 1.5];
+    let mut admitted = [0; 2];
+    for (block, interleave, nodes, per_node, frame, guard) in [
+        (8, 1, 8, 1, 0, None),
+        (8, 2, 32, 1, 5, None),
+        (7, 1, 4, 2, 1, None),
+        (8, 4, 8, 1, 3, None),
+        (64, 8, 32, 2, 60, None),
+        (1, 1, 8, 1, 9, None),
+        (8, 1, 8, 1, 0, guard),
+        (7, 7, 32, 1, 4, guard),
+        (
+            8,
+            1,
+            8,
+            1,
+            2,
+            Some(Guard {
+                min_normal_cos: -1.0,
+                max_plane_distance: f32::INFINITY,
+                max_distance: f32::INFINITY,
+            }),
+        ),
     ] {
         let cut = CutOptions { nodes, per_node, distance_floor: 0.02 };
-        let method = Method::SharedCut { cut, width, height, block, interleave };
+        let method = Method::SharedCut { cut, width, height, block, interleave, guard };
         let row = method.lights() as usize;
         let drawn = gpu.upload("drawn", &vec![WeightedLight::NONE; row * pixels.len()]).unwrap();
-        let draws = Draws::new(gpu, &DRAWS, &device, method, &buffer, 48, &drawn).unwrap();
-        let request = DrawRequest { seed: 11, index: frame, ..DrawRequest::default() };
+        let kernels = if guard.is_some() { &*GUARDED } else { &*DRAWS };
+        let draws = Draws::new(gpu, kernels, &device, method, &buffer, 48, &drawn).unwrap();
+        let request = DrawRequest { seed: 11, index: frame, eye, ..DrawRequest::default() };
         draws.set_request(gpu.queue(), &request).unwrap();
         gpu.run("draw", |encoder| draws.encode(encoder)).unwrap();
         let ours: Vec<WeightedLight> = gpu.read(&drawn, row * pixels.len()).unwrap();
@@ -146,20 +171,36 @@ fn shared_cuts_draw_the_lights_that_the_cpu_draws() {
         let interleave = Interleave::new(interleave);
         let sampler = CutSampler::new(&tree, CutParams { nodes, distance_floor: 0.02 });
         let mut selection = Selection::default();
-        let cuts: Vec<Vec<NodeId>> = (0..grid.blocks())
+        let seen = |pixel: &ReceiverRecord| {
+            let [position, normal] = [pixel.position, pixel.normal].map(Vec3::from);
+            SurfacePoint { position, normal, depth: position.distance(Vec3::from(eye)) }
+        };
+        let cuts: Vec<(Vec<NodeId>, Option<SurfacePoint>)> = (0..grid.blocks())
             .map(|block| {
                 let mut random = Random::new(11 ^ BLOCK_SALT, block, frame);
                 let lit = |pixel: &u32| pixels[*pixel as usize] != ReceiverRecord::NONE;
                 let representative = grid.candidates(block, &mut random).find(lit);
-                representative
-                    .map_or(vec![], |pixel| sampler.select(&pixels[pixel as usize], &mut selection).to_vec())
+                representative.map_or((vec![], None), |pixel| {
+                    let pixel = &pixels[pixel as usize];
+                    (sampler.select(pixel, &mut selection).to_vec(), Some(seen(pixel)))
+                })
             })
             .collect();
+        let guard = guard.map(|Guard { min_normal_cos, max_plane_distance, max_distance }| {
+            stochastic::Guard { min_normal_cos, max_plane_distance, max_distance }
+        });
         let mut theirs = vec![WeightedLight::NONE; ours.len()];
         for ((pixel, row), i) in pixels.iter().zip(theirs.chunks_mut(row)).zip(0..) {
             if *pixel != ReceiverRecord::NONE {
                 let part = interleave.part(i % width, i / width, frame);
-                let nodes = &cuts[grid.block_of(i) as usize];
+                let (shared, representative) = &cuts[grid.block_of(i) as usize];
+                let representative = representative.as_ref().expect("a block with a pixel has one");
+                let admits = guard.is_none_or(|guard| guard.admits(representative, &seen(pixel)));
+                if guard.is_some() {
+                    admitted[usize::from(admits)] += 1;
+                }
+                let own = if admits { vec![] } else { sampler.select(pixel, &mut selection).to_vec() };
+                let nodes = if admits { shared } else { &own };
                 cut_row(&sampler, nodes, pixel, (part, interleave, per_node), Random::new(11, i, frame), row);
             }
         }
@@ -169,6 +210,47 @@ fn shared_cuts_draw_the_lights_that_the_cpu_draws() {
         assert!(ties <= allowed(ours.len()) + row * (block * block).min(64) as usize, "{method:?}: {ties}");
         assert!(ours.iter().filter(|entry| **entry != WeightedLight::NONE).count() > ours.len() / 3);
     }
+    eprintln!("guards sent away {} of {} pixels", admitted[0], admitted[0] + admitted[1]);
+    assert!(admitted[0] > 300 && admitted[1] > 300, "{admitted:?}");
+}
+
+/// The negative controls of cuts: another kernel, guard or number of nodes draws other lights.
+#[test]
+fn a_cut_that_differs_is_found() {
+    let gpu = gpu_or_skip!();
+    let (width, height) = (40, 25);
+    let (lights, pixels) = (lights(2000, 5), receivers(width * height, 7));
+    let device = device_tree(gpu, &lights);
+    let buffer = gpu.upload("receivers", &pixels).unwrap();
+    let draw = |kernels: &DrawKernels, method: Method, eye: [f32; 3]| {
+        let drawn = gpu.upload("drawn", &vec![WeightedLight::NONE; 8 * pixels.len()]).unwrap();
+        let draws = Draws::new(gpu, kernels, &device, method, &buffer, 48, &drawn).unwrap();
+        draws.set_request(gpu.queue(), &DrawRequest { eye, ..DrawRequest::default() }).unwrap();
+        gpu.run("draw", |encoder| draws.encode(encoder)).unwrap();
+        gpu.read::<WeightedLight>(&drawn, 8 * pixels.len()).unwrap()
+    };
+    let wrong = DEFAULT_RECEIVER.replace("return scattered;", "return scattered * (1.0 + 0.01 * box.low.x);");
+    let wrong = DrawKernels::with(gpu, ChildChoice::MinMaxAverage, &wrong).unwrap();
+    let cut = CutOptions::default();
+    let near = CutOptions { distance_floor: 0.5, ..cut };
+    let shared = |cut, block, guard| Method::SharedCut { cut, width, height, block, interleave: 1, guard };
+    let differ = |a: &[WeightedLight], b: &[WeightedLight]| ties(a, b, true).unwrap() > allowed(a.len()) + 64;
+    for (right, others) in [
+        (Method::Cut(cut), vec![Method::Cut(near)]),
+        (shared(cut, 8, None), vec![shared(near, 8, None), shared(cut, 4, None)]),
+    ] {
+        let rows = draw(&DRAWS, right, [0.0; 3]);
+        assert!(!differ(&rows, &draw(&DRAWS, right, [0.0; 3])));
+        assert!(differ(&rows, &draw(&wrong, right, [0.0; 3])), "{right:?}: a kernel that weighs wrong");
+        for other in others {
+            assert!(differ(&rows, &draw(&DRAWS, other, [0.0; 3])), "{other:?}");
+        }
+    }
+    let guarded = |guard, eye| draw(&GUARDED, shared(cut, 8, Some(guard)), eye);
+    let rows = guarded(Guard::default(), [0.0; 3]);
+    assert!(differ(&rows, &draw(&DRAWS, shared(cut, 8, None), [0.0; 3])), "without a guard");
+    assert!(differ(&rows, &guarded(Guard { max_distance: 0.3, ..Guard::default() }, [0.0; 3])));
+    assert!(differ(&rows, &guarded(Guard::default(), [60.0, 0.0, 0.0])), "a camera elsewhere");
 }
 
 #[test]
@@ -191,6 +273,14 @@ fn the_batch_samplers_conform() {
         if light.0 == 7 { 0.0 } else { given(receiver, light) * 1.1 }
     };
     assert!(conformance::check_batch(&mut batch, &receivers, &request, 1, 60, without, 0.01).is_err());
+}
+
+/// Guards are `stochastic`'s, and so is where they begin.
+#[test]
+fn guards_begin_where_those_of_the_cpu_do() {
+    let Guard { min_normal_cos, max_plane_distance, max_distance } = Guard::default();
+    let same = stochastic::Guard { min_normal_cos, max_plane_distance, max_distance };
+    assert_eq!(same, stochastic::Guard::default());
 }
 
 /// The negative control of parity: a kernel that is a little wrong, and receivers that are, are found.
@@ -228,8 +318,14 @@ fn what_cannot_be_drawn_is_refused() {
     let drawn = gpu.buffer("drawn", 100 * 8 * 8, wgpu::BufferUsages::empty()).unwrap();
     let new = |method| Draws::new(gpu, &DRAWS, &device, method, &receivers, 48, &drawn).map(drop);
     let cut = CutOptions::default();
-    let shared =
-        |width, height, block, interleave| Method::SharedCut { cut, width, height, block, interleave };
+    let shared = |width, height, block, interleave| Method::SharedCut {
+        cut,
+        width,
+        height,
+        block,
+        interleave,
+        guard: None,
+    };
     assert_eq!(new(Method::Tree { lights: 8 }), Ok(()));
     for method in [
         Method::Tree { lights: 0 },
@@ -245,6 +341,9 @@ fn what_cannot_be_drawn_is_refused() {
     }
     assert_eq!(new(shared(10, 10, 8, 2)), Ok(()));
     assert_eq!(new(shared(10, 11, 8, 1)), Err(GpuError::TooMany { what: "pixels", count: 110, most: 100 }));
+    let guard = Some(Guard::default());
+    let guarded = Method::SharedCut { cut, width: 10, height: 10, block: 8, interleave: 1, guard };
+    assert!(matches!(new(guarded), Err(GpuError::Refused { .. })), "these kernels have no guard");
     let broken = DrawKernels::with(gpu, ChildChoice::Center, "fn receiver_position() {}");
     assert!(matches!(broken, Err(GpuError::Refused { .. })), "{broken:?}");
 }

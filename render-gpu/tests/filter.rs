@@ -152,6 +152,102 @@ fn dials() -> Vec<(SvgfParams, cpu::SvgfParams)> {
     ]
 }
 
+/// The dials are stated in both crates, since neither knows the other: every one begins with the same value. That they mean the same is what
+/// the pictures show.
+#[test]
+fn dials_begin_where_those_of_the_cpu_do() {
+    let cpu::SvgfParams {
+        levels,
+        sigma_luminance,
+        sigma_depth,
+        depth_floor,
+        normal_power,
+        alpha,
+        alpha_moments,
+        least_frames,
+        feedback,
+        interleaved,
+        albedo_floor,
+        mixing,
+    } = cpu::SvgfParams::default();
+    let mixing = match mixing {
+        cpu::Mixing::Normalized => Mixing::Normalized,
+        cpu::Mixing::Conserving => Mixing::Conserving,
+    };
+    let same = SvgfParams {
+        levels,
+        sigma_luminance,
+        sigma_depth,
+        depth_floor,
+        normal_power,
+        alpha,
+        alpha_moments,
+        least_frames,
+        feedback,
+        interleaved,
+        albedo_floor,
+        mixing,
+    };
+    assert_eq!(same, SvgfParams::default());
+    assert_eq!(cpu::SvgfParams::default(), cpu::SvgfParams::paper());
+    assert_eq!(SvgfParams::default(), SvgfParams::paper());
+    let cpu::TaaParams { alpha, clip, white } = cpu::TaaParams::default();
+    let clip = match clip {
+        cpu::Clip::Extremes => Clip::Extremes,
+        cpu::Clip::Deviations(deviations) => Clip::Deviations(deviations),
+        cpu::Clip::Off => Clip::Off,
+    };
+    assert_eq!(TaaParams { alpha, clip, white }, TaaParams::default());
+}
+
+/// What one refuses the other refuses, by the same name and range.
+#[test]
+fn dials_end_where_those_of_the_cpu_do() {
+    let gpu = gpu_or_skip!();
+    let inputs = FilterInputs::new(gpu, 8, 8).unwrap();
+    let kernels = SvgfKernels::new(gpu).unwrap();
+    macro_rules! agree {
+        ($($dial:ident: $($value:expr),+;)+) => {$($(
+            let device = SvgfParams { $dial: $value, ..SvgfParams::default() };
+            let cpu = cpu::SvgfParams { $dial: $value, ..cpu::SvgfParams::default() };
+            let ours = Svgf::new(gpu, &kernels, &device, &inputs).err().map(|error| error.to_string());
+            let theirs = cpu::Svgf::new(cpu).err().map(|error| error.to_string());
+            let part = |line: &Option<String>| line.as_ref().map(|line| line.contains(concat!("`", stringify!($dial), "`")));
+            assert_eq!(part(&ours), part(&theirs), "{} = {:?}: {ours:?} and {theirs:?}", stringify!($dial), $value);
+        )+)+};
+    }
+    agree! {
+        levels: 0, 16, 17;
+        sigma_luminance: -1.0, 0.0, f32::INFINITY, f32::NAN;
+        sigma_depth: 0.0, 1e-30, f32::INFINITY, f32::NAN;
+        depth_floor: 0.0, 1e-30, f32::INFINITY, f32::NAN;
+        normal_power: -1.0, 0.0, f32::INFINITY, f32::NAN;
+        alpha: -0.1, 0.0, 1.0, 1.1, f32::NAN;
+        alpha_moments: -0.1, 0.0, 1.0, 1.1, f32::NAN;
+        least_frames: 1, 2;
+        interleaved: 0, 1, 64, 65;
+        albedo_floor: 0.0, 1e-30, f32::INFINITY, f32::NAN;
+    }
+    let kernels = TaaKernels::new(gpu).unwrap();
+    for (alpha, deviations, white) in [
+        (0.0, 1.0, 1.0),
+        (1.0, 0.0, f32::INFINITY),
+        (1.1, 1.0, 1.0),
+        (0.5, -1.0, 1.0),
+        (0.5, f32::NAN, 1.0),
+        (0.5, 1.0, 0.0),
+        (f32::NAN, 1.0, 1.0),
+    ] {
+        let ours = TaaParams { alpha, clip: Clip::Deviations(deviations), white };
+        let theirs = cpu::TaaParams { alpha, clip: cpu::Clip::Deviations(deviations), white };
+        assert_eq!(
+            Taa::new(gpu, &kernels, &ours, &inputs).is_ok(),
+            cpu::Taa::new(theirs).is_ok(),
+            "{ours:?}"
+        );
+    }
+}
+
 #[test]
 fn svgf_gives_the_pictures_of_the_cpu() {
     let gpu = gpu_or_skip!();

@@ -70,6 +70,91 @@ fn limits_that_are_too_small_are_named() {
     assert!(tree(16_000).is_ok(), "a refusal leaves the device as good as it was");
 }
 
+/// Every limit that kernels need, one at a time just below what they need.
+#[test]
+fn every_limit_is_named_where_it_is_too_small() {
+    let _ = gpu_or_skip!();
+    macro_rules! too_small {
+        ($($limit:ident: $has:expr;)+) => {$(
+            let limits = wgpu::Limits { $limit: $has, ..required_limits() };
+            let (small, queue) = device(limits).expect("less than the default");
+            let error = Gpu::new(&small, &queue).unwrap_err();
+            let line = error.to_string();
+            assert!(
+                matches!(error, GpuError::Limit { limit: stringify!($limit), available, .. } if available == u64::from($has)),
+                "{line}"
+            );
+            assert!(line.contains(stringify!($limit)), "{line}");
+        )+};
+    }
+    too_small! {
+        max_storage_buffers_per_shader_stage: 7u32;
+        max_uniform_buffers_per_shader_stage: 1u32;
+        max_bind_groups: 3u32;
+        max_compute_workgroup_storage_size: 16_368u32;
+        max_compute_invocations_per_workgroup: 255u32;
+        max_compute_workgroup_size_x: 255u32;
+        max_compute_workgroups_per_dimension: 65_534u32;
+        max_storage_buffer_binding_size: (1u64 << 20) - 4;
+    }
+    // And just what they need will do.
+    let limits = wgpu::Limits { max_storage_buffer_binding_size: 1 << 20, ..required_limits() };
+    let (device, queue) = device(limits).expect("less than the default");
+    assert!(Gpu::new(&device, &queue).is_ok());
+    // A buffer that no limit admits is refused by the limit's name.
+    let gpu = Gpu::request().unwrap();
+    let error = gpu.buffer("large", 1 << 40, wgpu::BufferUsages::empty()).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            GpuError::Limit { limit: "max_storage_buffer_binding_size", needed: 0x100_0000_0000, .. }
+        ),
+        "{error}"
+    );
+}
+
+/// A device whose memory is used up says so, names what it was for, and goes on with what fits.
+#[test]
+fn memory_that_runs_out_is_an_error_and_no_more() {
+    let _ = gpu_or_skip!();
+    // A device refuses what goes beyond a part of its memory, so that the test needs none of it.
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+        memory_budget_thresholds: wgpu::MemoryBudgetThresholds {
+            for_resource_creation: Some(3),
+            for_device_loss: None,
+        },
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    });
+    let options = wgpu::RequestAdapterOptions::default();
+    let adapter = pollster::block_on(instance.request_adapter(&options)).unwrap();
+    let descriptor = wgpu::DeviceDescriptor { required_limits: required_limits(), ..Default::default() };
+    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
+    let gpu = Gpu::new(&device, &queue).unwrap();
+    let kernels = TreeKernels::new(&gpu).unwrap();
+    let mut held = vec![];
+    let error = loop {
+        let lights = gpu.buffer("lights", 128 << 20, wgpu::BufferUsages::empty());
+        match lights {
+            Ok(lights) => held.push(lights),
+            Err(error) => break error,
+        }
+        if held.len() == 64 {
+            return eprintln!(
+                "SKIPPED: {} does not say how much memory there is",
+                device.adapter_info().name
+            );
+        }
+    };
+    assert_eq!(error, GpuError::OutOfMemory { what: "`lights`, 134217728 bytes".to_owned() });
+    drop(held);
+    gpu.wait().unwrap();
+    let lights =
+        gpu.upload("lights", &[LightRecord { intensity: 1.0, ..LightRecord::default() }; 100]).unwrap();
+    let tree = DeviceTree::new(&gpu, &kernels, &lights, Sort::Radix).unwrap();
+    gpu.run("build", |encoder| tree.encode_build(encoder)).unwrap();
+    assert_eq!(gpu.read::<TreeHeader>(tree.header(), 1).unwrap()[0].len, 100);
+}
+
 /// The device is lost between two frames: what is recorded does not panic, what waits says so, and another device does.
 #[test]
 fn a_lost_device_is_said_to_be_lost() {

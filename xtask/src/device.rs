@@ -3,7 +3,10 @@
 //! What the camera sees is found as on the CPU: its rays are traced on the device, what their hits mean (textures, glass, mirrors) is the reference host's. Then
 //! the device draws lights for every pixel, shades and casts shadow rays; a pixel's radiance comes back.
 
+mod draws;
+mod filters;
 mod records;
+mod stages;
 
 use std::time::Instant;
 
@@ -11,10 +14,10 @@ use glam::{DVec3, Vec3};
 use lighttree::rng::Random;
 use lighttree::{BatchRayQueries, Emitter, Ray, RayHit, WeightedLight};
 use rayon::prelude::*;
-use render_gpu::draw::{CutOptions, DrawKernels, DrawRequest, Draws, MOST_NODES, Method as Drawing};
+use render_gpu::draw::DrawRequest;
 use render_gpu::rays::{DeviceRays, RayGeometry};
 use render_gpu::records::LightRecord;
-use render_gpu::shade::{RadianceRecord, ShadeKernel, ShadeParams, Shading, SurfaceRecord};
+use render_gpu::shade::{EmitterRecord, RadianceRecord, ShadeKernel, ShadeParams, Shading, SurfaceRecord};
 use render_gpu::tree::{DeviceTree, Sort, TreeKernels};
 use render_gpu::{Gpu, GpuError, ReceiverRecord, StageTimes};
 use scene::{
@@ -23,59 +26,45 @@ use scene::{
 };
 use wgpu::{Buffer, BufferUsages};
 
+use self::draws::{Drawer, Drawing, Kernels};
+pub(crate) use self::filters::DeviceFilters;
+use self::stages::Stages;
 use crate::failure::Failure;
-use crate::methods::Method;
 use crate::shot::{Gi, Plan};
 use crate::trees;
 
 /// A device and what is kept on it from frame to frame.
 pub(crate) struct Device {
     gpu: Gpu,
-    draws: DrawKernels,
+    kernels: Kernels,
     trees: TreeKernels,
     /// Of the last frame.
     rays: Option<DeviceRays>,
     shade: Option<ShadeKernel>,
+    /// Lights and buffers of the last frame.
+    room: Option<Room>,
     times: StageTimes,
     /// What each stage of all frames took.
     stages: Stages,
 }
 
-/// Seconds by stage, in the order in which stages were first met.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Stages(Vec<(&'static str, f64)>);
-
-impl Stages {
-    fn add(&mut self, name: &'static str, seconds: f64) {
-        match self.0.iter_mut().find(|(known, _)| *known == name) {
-            Some((_, sum)) => *sum += seconds,
-            None => self.0.push((name, seconds)),
-        }
-    }
-
-    /// Runs `work` and adds what it took.
-    fn time<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
-        let start = Instant::now();
-        let done = work();
-        self.add(name, start.elapsed().as_secs_f64());
-        done
-    }
-
-    /// Name and seconds of each.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (&'static str, f64)> {
-        self.0.iter().copied()
-    }
-}
+/// Most stages of one submission.
+const STAGES: u32 = 4;
 
 /// Pixels that are on the device at once, and what they are given.
 struct Band {
     first: u32,
     pixels: u32,
-    draws: Draws,
+    drawer: Drawer,
 }
 
-/// Buffers that bands take turns with.
+/// Lights with their tree, and buffers that bands take turns with.
 struct Room {
+    /// What the bands are for.
+    drawing: Drawing,
+    lights: Buffer,
+    emitters: Buffer,
+    tree: DeviceTree,
     receivers: Buffer,
     surfaces: Buffer,
     shading: Shading,
@@ -100,55 +89,12 @@ fn refused(what: &str) -> Failure {
     Failure::usage(format!("--device gpu: {what}"))
 }
 
-/// What this plan asks of the device.
-///
-/// # Errors
-/// A usage error that names what the device does not do.
-fn drawing(plan: &Plan, (width, height): (u32, u32)) -> Result<Drawing, Failure> {
-    let settings = &plan.settings;
-    let cut = |parts: u32| {
-        let lights = settings.whole("lights") * parts;
-        let nodes = settings.number("nodes").map_or(lights, |nodes| nodes as u32);
-        if nodes > MOST_NODES {
-            return Err(refused(&format!(
-                "cuts on the device have at most {MOST_NODES} subtrees, not {nodes}; set nodes or lights to less"
-            )));
-        }
-        Ok(CutOptions {
-            nodes,
-            per_node: lights / nodes,
-            distance_floor: settings.number("distance_floor").unwrap_or_default(),
-        })
-    };
-    match plan.method {
-        Method::Tree => Ok(Drawing::Tree { lights: settings.whole("lights") }),
-        Method::Cut => Ok(Drawing::Cut(cut(1)?)),
-        Method::SharedCut => {
-            if settings.text("guard") == "on" {
-                return Err(refused("shared cuts have no guard there; leave --set guard out"));
-            }
-            let interleave = settings.whole("m");
-            Ok(Drawing::SharedCut {
-                cut: cut(interleave * interleave)?,
-                width,
-                height,
-                block: settings.whole("k"),
-                interleave,
-            })
-        }
-        other => Err(refused(&format!(
-            "method `{}` is not on the device; take tree, cut or shared-cut, or --device cpu",
-            other.about().name
-        ))),
-    }
-}
-
 /// That a plan can be carried out on a device at all: before any of the work is done.
 ///
 /// # Errors
 /// A usage error that names what can't.
 pub(crate) fn check(plan: &Plan, params: &RenderParams) -> Result<(), Failure> {
-    drawing(plan, (params.width, params.height))?;
+    let drawing = Drawing::of(plan, (params.width, params.height))?;
     if plan.gi == Gi::Path {
         return Err(refused("--gi path walks on the cpu alone; take --gi vpl or none"));
     }
@@ -159,12 +105,17 @@ pub(crate) fn check(plan: &Plan, params: &RenderParams) -> Result<(), Failure> {
         return Err(refused("virtual lights are not clamped there; leave --set clamp out"));
     }
     match plan.settings.find("builder") {
-        None | Some("perfect") => Ok(()),
-        Some(builder) if builder == trees::BUILDER.default => Ok(()),
-        Some(builder) => {
-            Err(refused(&format!("the device builds perfect trees, not {builder}; leave --set builder out")))
+        Some(builder) if builder != "perfect" && builder != trees::BUILDER.default => {
+            return Err(refused(&format!(
+                "the device builds perfect trees, not {builder}; leave --set builder out"
+            )));
         }
+        _ => {}
     }
+    if let Some(note) = drawing.note(plan) {
+        eprintln!("--device gpu: {note}");
+    }
+    Ok(())
 }
 
 /// That the device has what a scene asks for.
@@ -189,14 +140,23 @@ impl Device {
     ///
     /// # Errors
     /// A failure that says what is missing: as a rule the driver.
-    pub(crate) fn new(plan: &Plan) -> Result<Self, Failure> {
+    pub(crate) fn new(plan: &Plan, params: &RenderParams) -> Result<Self, Failure> {
+        let drawing = Drawing::of(plan, (params.width, params.height))?;
         let gpu = Gpu::request().map_err(|error| failed(&error))?;
-        let choice = trees::choice(&plan.settings);
-        let draws = DrawKernels::with(&gpu, choice, render_gpu::DEFAULT_RECEIVER);
-        let draws = draws.map_err(|error| failed(&error))?;
+        let kernels = Kernels::new(&gpu, &drawing, trees::choice(&plan.settings));
+        let kernels = kernels.map_err(|error| failed(&error))?;
         let trees = TreeKernels::new(&gpu).map_err(|error| failed(&error))?;
-        let times = StageTimes::new(&gpu, 2).map_err(|error| failed(&error))?;
-        Ok(Self { gpu, draws, trees, rays: None, shade: None, times, stages: Stages::default() })
+        let times = StageTimes::new(&gpu, STAGES).map_err(|error| failed(&error))?;
+        let (rays, shade, room) = (None, None, None);
+        Ok(Self { gpu, kernels, trees, rays, shade, room, times, stages: Stages::default() })
+    }
+
+    /// Filters of pictures on it.
+    ///
+    /// # Errors
+    /// If its kernels are refused.
+    pub(crate) fn filters(&self) -> Result<DeviceFilters, Failure> {
+        DeviceFilters::new(&self.gpu).map_err(|error| failed(&error))
     }
 
     /// What it calls itself.
@@ -207,6 +167,11 @@ impl Device {
     /// What each stage of all frames took.
     pub(crate) const fn stages(&self) -> &Stages {
         &self.stages
+    }
+
+    /// Adds what a stage took that others look after.
+    pub(crate) fn add_stage(&mut self, name: &'static str, seconds: f64) {
+        self.stages.add(name, seconds);
     }
 
     /// Brings geometry to the device, unless what is there is still right. Returns seconds.
@@ -256,13 +221,13 @@ impl Device {
         let (Some(shade), Some(_)) = (self.shade.clone(), &self.rays) else {
             return Err(failed(&"no geometry on the device"));
         };
-        let drawing = drawing(plan, (params.width, params.height))?;
+        let drawing = Drawing::of(plan, (params.width, params.height))?;
 
         // Build the tree.
         let start = Instant::now();
-        let (tree, emitters) = self.tree(frame).map_err(|error| failed(&error))?;
+        let mut room = self.room(&shade, frame, drawing, params).map_err(|error| failed(&error))?;
+        self.build(&room).map_err(|error| failed(&error))?;
         let build = start.elapsed().as_secs_f64();
-        let room = self.room(&shade, &tree, &emitters, drawing, params).map_err(|error| failed(&error))?;
 
         // Light sample after sample, band after band.
         let pixels = params.width as usize * params.height as usize;
@@ -270,13 +235,14 @@ impl Device {
         let (mut counts, mut cut_short) = (Counts::default(), false);
         let total = room.bands.len() * params.spp as usize;
         'frame: for sample in params.first_sample..params.first_sample + params.spp {
-            for (done, band) in room.bands.iter().enumerate() {
+            for done in 0..room.bands.len() {
                 if progress.cancelled() {
                     cut_short = true;
                     break 'frame;
                 }
-                let sums = &mut sums[band.first as usize..][..band.pixels as usize];
-                self.sample(frame, camera, params, &room, band, sample, sums, &mut counts)?;
+                let Band { first, pixels, .. } = room.bands[done];
+                let sums = &mut sums[first as usize..][..pixels as usize];
+                self.sample(frame, camera, params, &mut room, done, sample, sums, &mut counts)?;
                 let before = (sample - params.first_sample) as usize * room.bands.len();
                 progress.report(before + done + 1, total);
             }
@@ -288,34 +254,49 @@ impl Device {
             *pixel = if count > 0 { (sum / f64::from(count)).as_vec3() } else { Vec3::ZERO };
         }
         let mask = cut_short.then(|| sums.iter().map(|&(_, count)| count > 0).collect());
-        let bytes = (tree.nodes().size() + tree.header().size()) as usize;
+        let bytes = (room.tree.nodes().size() + room.tree.header().size()) as usize;
+        self.room = Some(room);
         Ok(Lit { rendered: Rendered { film, counts, mask, cut_short }, build, tree_bytes: bytes })
     }
 
-    /// Uploads the lights and builds the tree over them.
-    fn tree(&mut self, frame: &Frame<'_, SceneRays>) -> Result<(DeviceTree, Buffer), GpuError> {
-        let gpu = &self.gpu;
+    /// Uploads the lights, into the buffers of the last frame where they do.
+    fn room(
+        &mut self,
+        shade: &ShadeKernel,
+        frame: &Frame<'_, SceneRays>,
+        drawing: Drawing,
+        params: &RenderParams,
+    ) -> Result<Room, GpuError> {
         let upload = Instant::now();
         let bounds: Vec<LightRecord> =
             frame.lights.par_iter().map(|light| LightRecord::new(&light.bounds())).collect();
         let emitters: Vec<_> =
             frame.lights.par_iter().map(|light| records::emitter(frame.scene, light)).collect();
-        let lights = gpu.upload("lights", &bounds)?;
-        let emitters = gpu.upload("emitters", &emitters)?;
-        let tree = DeviceTree::new(gpu, &self.trees, &lights, Sort::default())?;
-        // The buffer is never empty, the scene may be.
-        tree.set_lights(gpu.queue(), bounds.len() as u32)?;
+        let fits = |room: &Room| room.drawing == drawing && room.tree.capacity() as usize >= bounds.len();
+        let room = match self.room.take().filter(fits) {
+            Some(room) => {
+                self.gpu.write(&room.lights, &bounds)?;
+                self.gpu.write(&room.emitters, &emitters)?;
+                room
+            }
+            None => self.new_room(shade, &bounds, &emitters, drawing, params)?,
+        };
+        room.tree.set_lights(self.gpu.queue(), bounds.len() as u32)?;
         self.stages.add("lights up", upload.elapsed().as_secs_f64());
-        let build = Instant::now();
+        Ok(room)
+    }
+
+    /// Builds the tree over the lights.
+    fn build(&mut self, room: &Room) -> Result<(), GpuError> {
+        let start = Instant::now();
         let times = &mut self.times;
-        gpu.run("tree", |encoder| {
+        self.gpu.run("tree", |encoder| {
             times.begin(encoder);
-            tree.encode_build(encoder);
+            room.tree.encode_build(encoder);
             times.mark(encoder, "tree");
             times.end(encoder);
         })?;
-        self.add_times("tree", build)?;
-        Ok((tree, emitters))
+        self.add_times("tree", start)
     }
 
     /// Adds what the device's clock says of the last submission, or else what it took since `start` as the stage `all`.
@@ -329,21 +310,24 @@ impl Device {
         Ok(())
     }
 
-    /// Buffers, and the bands of pixels that they are for.
-    fn room(
+    /// Buffers for these lights and for bands of pixels.
+    fn new_room(
         &self,
         shade: &ShadeKernel,
-        tree: &DeviceTree,
-        emitters: &Buffer,
+        bounds: &[LightRecord],
+        emitters: &[EmitterRecord],
         drawing: Drawing,
         params: &RenderParams,
     ) -> Result<Room, GpuError> {
         let gpu = &self.gpu;
+        let lights = gpu.upload("lights", bounds)?;
+        let emitters = gpu.upload("emitters", emitters)?;
+        let tree = DeviceTree::new(gpu, &self.trees, &lights, Sort::default())?;
         let row = drawing.lights() as usize * size_of::<WeightedLight>();
         let most = gpu.device().limits().max_storage_buffer_binding_size as usize;
         let fit = most / row.max(size_of::<SurfaceRecord>());
         // Whole blocks of pixels that share a cut.
-        let block = if let Drawing::SharedCut { block, .. } = drawing { block } else { 1 };
+        let block = drawing.block();
         let rows =
             ((fit / params.width as usize) as u32 / block * block).clamp(block, params.height.max(block));
         let pixels = (rows.min(params.height) * params.width) as usize;
@@ -351,21 +335,17 @@ impl Device {
         let receivers = buffer("receivers", size_of::<ReceiverRecord>())?;
         let surfaces = buffer("surfaces", size_of::<SurfaceRecord>())?;
         let drawn = buffer("drawn", row)?;
-        let shading = Shading::new(gpu, shade, &surfaces, emitters, &drawn, None)?;
+        let outcomes = buffer("outcomes", if drawing.learns() { row / 2 } else { 0 })?;
+        let told = drawing.learns().then_some(&outcomes);
+        let shading = Shading::new(gpu, shade, &surfaces, &emitters, &drawn, told)?;
         let mut bands = Vec::new();
         for top in (0..params.height).step_by(rows as usize) {
             let height = rows.min(params.height - top);
-            let drawing = match drawing {
-                Drawing::SharedCut { cut, width, block, interleave, .. } => {
-                    Drawing::SharedCut { cut, width, height, block, interleave }
-                }
-                other => other,
-            };
-            let stride = size_of::<ReceiverRecord>() as u64;
-            let draws = Draws::new(gpu, &self.draws, tree, drawing, &receivers, stride, &drawn)?;
-            bands.push(Band { first: top * params.width, pixels: height * params.width, draws });
+            let drawing = drawing.of_rows(height);
+            let drawer = Drawer::new(gpu, &self.kernels, &tree, drawing, &receivers, [&drawn, &outcomes])?;
+            bands.push(Band { first: top * params.width, pixels: height * params.width, drawer });
         }
-        Ok(Room { receivers, surfaces, shading, bands })
+        Ok(Room { drawing, lights, emitters, tree, receivers, surfaces, shading, bands })
     }
 
     /// One camera sample of each pixel of a band.
@@ -375,15 +355,16 @@ impl Device {
         frame: &Frame<'_, SceneRays>,
         camera: &Camera,
         params: &RenderParams,
-        room: &Room,
-        band: &Band,
+        room: &mut Room,
+        band: usize,
         sample: u32,
         sums: &mut [(DVec3, u32)],
         counts: &mut Counts,
     ) -> Result<(), Failure> {
         // See.
         let size = (params.width, params.height);
-        let (rays, randoms): (Vec<Ray>, Vec<Random>) = (band.first..band.first + band.pixels)
+        let Band { first, pixels, .. } = room.bands[band];
+        let (rays, randoms): (Vec<Ray>, Vec<Random>) = (first..first + pixels)
             .into_par_iter()
             .map(|pixel| camera_ray(camera, frame.seed, size, pixel, sample))
             .unzip();
@@ -393,7 +374,7 @@ impl Device {
             .time("camera rays", || tracer.closest_batch(&rays, &mut hits))
             .map_err(|error| failed(&error))?;
         let looked = Instant::now();
-        let views = look(frame, band, sample, &rays, &hits, randoms);
+        let views = look(frame, first, sample, &rays, &hits, randoms);
         counts.closest_hit_rays += rays.len() as u64;
         let (mut receivers, mut surfaces) = (Vec::with_capacity(rays.len()), Vec::with_capacity(rays.len()));
         let mut seen = Vec::with_capacity(rays.len());
@@ -406,8 +387,10 @@ impl Device {
         self.stages.add("surfaces (cpu)", looked.elapsed().as_secs_f64());
 
         // Light.
-        let lit =
-            self.light(frame, room, band, sample, &receivers, &surfaces).map_err(|error| failed(&error))?;
+        let is_first = sample == params.first_sample;
+        let lit = self
+            .light(frame, room, band, (sample, is_first), camera.position, &receivers, &surfaces)
+            .map_err(|error| failed(&error))?;
 
         // Add what is a number.
         counts.samples += lit.len() as u64;
@@ -429,12 +412,14 @@ impl Device {
     }
 
     /// Draws lights for a band's points, shades them, and reads the radiance back.
+    #[expect(clippy::too_many_arguments, reason = "the body of one loop, as `sample`")]
     fn light(
         &mut self,
         frame: &Frame<'_, SceneRays>,
-        room: &Room,
-        band: &Band,
-        sample: u32,
+        room: &mut Room,
+        band: usize,
+        (sample, is_first): (u32, bool),
+        eye: Vec3,
         receivers: &[ReceiverRecord],
         surfaces: &[SurfaceRecord],
     ) -> Result<Vec<RadianceRecord>, GpuError> {
@@ -444,16 +429,23 @@ impl Device {
         gpu.write(&room.receivers, receivers)?;
         gpu.write(&room.surfaces, surfaces)?;
         let seed = frame.light_seed ^ Purpose::Lights.salt();
-        let request =
-            DrawRequest { receivers: Some(band.pixels), seed, index: sample, first_stream: band.first };
-        band.draws.set_request(gpu.queue(), &request)?;
+        let learns = room.drawing.learns();
+        let Band { first, pixels, drawer } = &mut room.bands[band];
+        let request = DrawRequest {
+            receivers: Some(*pixels),
+            seed,
+            index: sample,
+            first_stream: *first,
+            eye: eye.to_array(),
+        };
+        drawer.set_request(gpu, &request)?;
         let params = ShadeParams {
-            surfaces: band.pixels,
-            lights: band.draws.lights(),
+            surfaces: *pixels,
+            lights: room.drawing.lights(),
             seed,
             index: sample,
             emitters: frame.lights.len() as u32,
-            tell: 0,
+            tell: learns.into(),
             spare0: 0,
             spare1: 0,
         };
@@ -463,16 +455,16 @@ impl Device {
         let times = &mut self.times;
         gpu.run("lights", |encoder| {
             times.begin(encoder);
-            band.draws.encode(encoder);
-            times.mark(encoder, "draw");
+            drawer.encode(encoder, times, is_first);
             room.shading.encode(encoder, tracer.geometry());
             times.mark(encoder, "shade");
+            drawer.encode_learning(encoder, times);
             times.end(encoder);
         })?;
         self.add_times("draw and shade", run)?;
         let gpu = &self.gpu;
         let back = Instant::now();
-        let lit = gpu.read(room.shading.radiance(), band.pixels as usize)?;
+        let lit = gpu.read(room.shading.radiance(), *pixels as usize)?;
         self.stages.add("radiance back", back.elapsed().as_secs_f64());
         Ok(lit)
     }
@@ -490,7 +482,7 @@ pub(crate) struct Lit {
 /// What the first hits of a band's camera rays lead to, pixel by pixel.
 fn look(
     frame: &Frame<'_, SceneRays>,
-    band: &Band,
+    first: u32,
     sample: u32,
     rays: &[Ray],
     hits: &[Option<RayHit>],
@@ -498,7 +490,7 @@ fn look(
 ) -> Vec<(Seen, ReceiverRecord, SurfaceRecord, Counts)> {
     let one = |scratch: &mut RayScratch, i: usize, mut random: Random| {
         let mut counts = Counts::default();
-        let pixel = band.first + i as u32;
+        let pixel = first + i as u32;
         let CameraPath { emission, point } =
             camera_path(frame, &rays[i], hits[i], pixel, sample, &mut random, scratch, &mut counts);
         let mut seen = Seen {

@@ -155,7 +155,7 @@ impl Sequence<'_> {
 
         // Filter it.
         if frame == 0 {
-            kept.filter = Filter::of(&plan.settings)?;
+            kept.filter = Filter::of(&plan.settings, kept.device.as_ref())?;
         }
         let filtered = match &mut kept.filter {
             Some(filter) if !rendered.cut_short => {
@@ -163,6 +163,10 @@ impl Sequence<'_> {
             }
             _ => None,
         };
+        if let (Some(device), Some(filtered)) = (&mut kept.device, &filtered) {
+            device.add_stage("guides (cpu)", filtered.guides);
+            device.add_stage("filter", filtered.filter);
+        }
 
         // Compare it with what there is.
         let against = |film: &Film| report::errors(&rendered, film);

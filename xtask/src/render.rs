@@ -38,7 +38,7 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     look: LookArgs,
 
-    /// Where to render: cpu, or gpu for the methods tree, cut and shared-cut, on the best Vulkan adapter there is
+    /// Where to render: cpu, or gpu for the methods tree, cut, shared-cut, cut-cdf and cut-cdf-vis, on the best Vulkan adapter there is
     #[arg(long, value_name = "WHERE", default_value = "cpu")]
     device: Device,
 
@@ -138,7 +138,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
     stop::listen()?;
     use_threads(args.look.threads)?;
 
-    let device = (args.device == Device::Gpu).then(|| device::Device::new(&plan)).transpose()?;
+    let device = (args.device == Device::Gpu).then(|| device::Device::new(&plan, &params)).transpose()?;
 
     // Set the stage.
     let (mut scene, load_seconds) = source::load(&args.scene, materials)?;

@@ -88,12 +88,38 @@ fn a_device_takes_the_picture_of_the_cpu() {
         assert!(error(&json) < 0.15, "{method}: {json}");
     }
 
-    // Two frames of a scene that moves.
-    let json = render(
-        folder.path(),
-        &["sun:200", "--method", "tree", "--spp", "1", "--device", "gpu", "--frames", "2"],
-    );
+    // So are distributions. Their error is the CPU's own; the control is what draws worse.
+    let small = ["hall:60", "--size", "24x16"];
+    render(folder.path(), &[&small[..], &["--method", "brute", "--spp", "16", "-o", "truth.exr"]].concat());
+    let noise = |method: &str, more: &[&str]| {
+        let options = ["--method", method, "--spp", "8", "--seed", "5", "--reference", "truth.exr"];
+        error(&render(folder.path(), &[&small[..], &options, more].concat()))
+    };
+    let uniform = noise("uniform", &[]);
+    for method in ["cut-cdf", "cut-cdf-vis"] {
+        let cpu = noise(method, &["--set", "nodes=64", "--set", "builder=perfect"]);
+        let gpu = noise(method, &["--set", "nodes=64", "--device", "gpu"]);
+        assert!(gpu < 1.5 * cpu + 1e-3 && cpu < 1.5 * gpu + 1e-3, "{method}: {gpu}, and {cpu} on the cpu");
+        assert!(uniform > 3.0 * cpu, "{method}: {cpu}, and {uniform} for lights drawn evenly");
+    }
+
+    // Two frames of a scene that moves, with what was learned kept and with filters: those of the CPU.
+    let film = ["sun:200", "--method", "tree", "--set", "builder=perfect", "--spp", "1", "--frames", "2"];
+    let film = |more: &[&str]| render(folder.path(), &[&film[..], &["--size", "48x32"], more].concat());
+    let filtered = ["--set", "filter=svgf+taa"];
+    film(&[&filtered[..], &["-o", "cpu.exr"]].concat());
+    let on_device = ["-o", "gpu.exr", "--device", "gpu", "--reference", "cpu.0001.exr"];
+    let json = film(&[&filtered[..], &on_device].concat());
     assert_eq!(json["frames"].as_array().map(Vec::len), Some(2), "{json}");
+    let last = |json: &Value| json["frames"][1]["error"]["relmse"].as_f64().expect("an error");
+    assert!(last(&json) < 1e-4, "{json}");
+    assert!(json["filter"]["pixels"]["with_history"].as_u64() > Some(100), "{json}");
+    let less = film(&[&filtered[..], &["--set", "filter_levels=4"], &on_device].concat());
+    assert!(last(&less) > 1e-3, "{less}");
+    let learning = ["sun:200", "--method", "cut-cdf-vis", "--set", "nodes=64", "--spp", "1", "--frames", "3"];
+    let json = render(folder.path(), &[&learning[..], &["--device", "gpu"]].concat());
+    assert_eq!(json["frames"].as_array().map(Vec::len), Some(3), "{json}");
+    assert!(json["stages"]["learn"].as_f64() > Some(0.0), "{json}");
 }
 
 #[test]
@@ -315,6 +341,7 @@ fn bad_calls_exit_with_2_and_say_what_to_write() {
     on_device(&["--method", "tree", "--pixels", "9"], &["gpu", "--pixels"]);
     on_device(&["--method", "tree", "--set", "builder=median"], &["gpu", "median", "perfect"]);
     on_device(&["--method", "cut", "--set", "lights=64"], &["gpu", "64", "32"]);
+    on_device(&["--method", "cut-cdf", "--set", "nodes=300"], &["gpu", "300", "256"]);
     refuses(&["render", "-o", "picture.jpg"], 2, &["picture.jpg", ".exr"]);
     refuses(&["render", "-o", "nowhere/picture.exr"], 2, &["nowhere", "make it first"]);
     refuses(&["render", "--nonsense"], 2, &["--nonsense", "--help"]);

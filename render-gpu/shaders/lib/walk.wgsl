@@ -100,13 +100,28 @@ const ONLY_SECOND: u32 = 2u;
 const EITHER: u32 = 3u;
 
 fn fork(view: View, receiver: Receiver, first_index: u32) -> Fork {
-    let a = weigh(view, receiver, nodes[first_index]);
-    let b = weigh(view, receiver, nodes[first_index + 1u]);
+    return fork_between(view, receiver, nodes[first_index], nodes[first_index + 1u]);
+}
+
+fn fork_between(view: View, receiver: Receiver, first: PerfectNode, second: PerfectNode) -> Fork {
+    let a = weigh(view, receiver, first);
+    let b = weigh(view, receiver, second);
     let kind = select(0u, ONLY_FIRST, a.scatter > 0.0) | select(0u, ONLY_SECOND, b.scatter > 0.0);
     if (kind != EITHER) {
         return Fork(kind, 0u);
     }
     return Fork(EITHER, quantized(first_probability(a, b, view.least_squared), FLOOR));
+}
+
+// Where a walk goes at a fork that is not dead: whether to the second, with `pmf` multiplied by the probability of that.
+fn goes_second(fork: Fork, random: ptr<function, Decisions>, pmf: ptr<function, Probability>) -> bool {
+    if (fork.kind != EITHER) {
+        return fork.kind == ONLY_SECOND;
+    }
+    let second = !choose(random, fork.q);
+    // 2^32 - q, modulo 2^32, is the second's.
+    *pmf = probability_times(*pmf, probability_of(select(fork.q, 0u - fork.q, second)));
+    return second;
 }
 
 struct Drawn {
@@ -137,13 +152,7 @@ fn draw_below(node: u32, view: View, receiver: Receiver, decisions: ptr<function
             *decisions = random;
             return Drawn(NONE, pmf, visited);
         }
-        var second = fork.kind == ONLY_SECOND;
-        if (fork.kind == EITHER) {
-            second = !choose(&random, fork.q);
-            // 2^32 - q, modulo 2^32, is the second's.
-            pmf = probability_times(pmf, probability_of(select(fork.q, 0u - fork.q, second)));
-        }
-        place += u32(second);
+        place += u32(goes_second(fork, &random, &pmf));
     }
     *decisions = random;
     return Drawn(nodes[header.inner + place].id, pmf, visited);

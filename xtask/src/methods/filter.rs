@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use glam::Affine3A;
+use glam::{Affine3A, Vec3};
 use scene::{Camera, Film, Frame, GBuffer, LastFrame, RenderParams, SceneRays};
 use serde_json::{Value, json};
-use stochastic::filter::{FilterError, FilterInput, FilterReport, Mixing, Svgf, SvgfParams, Taa, TaaParams};
+use stochastic::filter::{FilterInput, FilterReport, Mixing, Svgf, SvgfParams, Taa, TaaParams};
 
+use crate::device::{Device, DeviceFilters};
 use crate::failure::Failure;
 use crate::settings::{Key, Range, Settings};
 
@@ -34,10 +35,36 @@ pub(crate) const KEYS: [Key; 3] = [
 
 /// Filters with what they remember from frame to frame.
 pub(crate) struct Filter {
-    svgf: Svgf,
-    taa: Option<Taa>,
+    engine: Engine,
     /// Camera and transforms of the last frame.
     last: Option<(Camera, Vec<Affine3A>)>,
+}
+
+/// Where it is done.
+enum Engine {
+    Cpu { svgf: Box<Svgf>, taa: Option<Taa> },
+    Device { filters: Box<DeviceFilters>, svgf: SvgfParams, taa: Option<TaaParams> },
+}
+
+impl Engine {
+    /// # Errors
+    /// If a dial is out of the filter's range, or the device has something against it.
+    fn filter(&mut self, input: &FilterInput<'_>, out: &mut Vec<Vec3>) -> Result<FilterReport, Failure> {
+        match self {
+            Self::Cpu { svgf, taa } => {
+                let mut report = svgf.filter(input, out).map_err(|error| refused(&error))?;
+                if let Some(taa) = taa {
+                    let smooth = out.clone();
+                    let anti_aliased = taa.filter(&FilterInput { color: &smooth, ..*input }, out);
+                    report.clipped = anti_aliased.map_err(|error| refused(&error))?.clipped;
+                }
+                Ok(report)
+            }
+            Self::Device { filters, svgf, taa } => {
+                filters.filter(svgf, taa.as_ref(), input, out).map_err(|error| refused(&error))
+            }
+        }
+    }
 }
 
 /// What filtering one frame took.
@@ -57,11 +84,11 @@ impl Filter {
         settings.find("filter").is_some_and(|name| name != "off")
     }
 
-    /// The filters that were asked for, if any.
+    /// The filters that were asked for, if any: on the device, where pictures are taken on one.
     ///
     /// # Errors
     /// If a dial is out of the filter's range.
-    pub(crate) fn of(settings: &Settings) -> Result<Option<Self>, Failure> {
+    pub(crate) fn of(settings: &Settings, device: Option<&Device>) -> Result<Option<Self>, Failure> {
         let taa = match settings.find("filter") {
             None | Some("off") => return Ok(None),
             Some(name) => name == "svgf+taa",
@@ -70,15 +97,21 @@ impl Filter {
             "conserving" => Mixing::Conserving,
             _ => Mixing::Normalized,
         };
-        let params = SvgfParams {
+        let svgf = SvgfParams {
             levels: settings.whole("filter_levels"),
             interleaved: settings.find("m").map_or(1, |_| settings.whole("m")),
             mixing,
             ..SvgfParams::default()
         };
-        let svgf = Svgf::new(params).map_err(|error| refused(&error))?;
-        let taa = taa.then(|| Taa::new(TaaParams::default())).transpose().map_err(|error| refused(&error))?;
-        Ok(Some(Self { svgf, taa, last: None }))
+        let taa = taa.then(TaaParams::default);
+        let engine = match device {
+            Some(device) => Engine::Device { filters: Box::new(device.filters()?), svgf, taa },
+            None => Engine::Cpu {
+                svgf: Box::new(Svgf::new(svgf).map_err(|error| refused(&error))?),
+                taa: taa.map(Taa::new).transpose().map_err(|error| refused(&error))?,
+            },
+        };
+        Ok(Some(Self { engine, last: None }))
     }
 
     /// Filters a whole picture that was rendered with these arguments, in place.
@@ -117,15 +150,7 @@ impl Filter {
             mesh: Some(&guides.instance),
         };
         let mut out = film.pixels.clone();
-        let mut report = self.svgf.filter(&input, &mut out).map_err(|error| refused(&error))?;
-        if let Some(taa) = &mut self.taa {
-            let mut smooth = out.clone();
-            let anti_aliased = taa
-                .filter(&FilterInput { color: &out, ..input }, &mut smooth)
-                .map_err(|error| refused(&error))?;
-            report.clipped = anti_aliased.clipped;
-            out = smooth;
-        }
+        let report = self.engine.filter(&input, &mut out)?;
         film.pixels = out;
         self.last = Some((camera.clone(), to_world));
         Ok(Filtered { report, guides: guides_seconds, filter: start.elapsed().as_secs_f64() })
@@ -163,6 +188,6 @@ impl Filtered {
     }
 }
 
-fn refused(error: &FilterError) -> Failure {
+fn refused(error: &dyn std::fmt::Display) -> Failure {
     Failure::failed(format!("filter: {error}"))
 }

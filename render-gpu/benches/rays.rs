@@ -5,7 +5,8 @@
 //! ```
 //!
 //! Prints a table: millions of rays a second on all of the CPU's threads, on the device with the records' way there and back, and of the kernel alone by the device's
-//! clock; best of five rounds. On a software driver both share the same cores. Then criterion keeps a history of a row.
+//! clock; best of five rounds. On a software driver both share the same cores, and other work on the machine stretches both by chance: so the last column is the
+//! ratio of processor times, of all threads, with the records' way. Then criterion keeps a history of a row.
 
 #[path = "../tests/common/scenes.rs"]
 #[allow(dead_code, unreachable_pub, reason = "tests use the rest")]
@@ -33,8 +34,8 @@ fn main() {
     let mut criterion = Criterion::default().configure_from_args().sample_size(10);
     println!("{}", gpu.device().adapter_info().name);
     println!(
-        "{:<14}{:<10}{:>9}{:>12}{:>12}{:>12}{:>10}{:>10}",
-        "scene", "rays", "count", "cpu", "device", "kernel", "dev:cpu", "kern:cpu"
+        "{:<14}{:<10}{:>9}{:>12}{:>12}{:>12}{:>10}{:>10}{:>10}",
+        "scene", "rays", "count", "cpu", "device", "kernel", "dev:cpu", "kern:cpu", "processor"
     );
     let names: &[&str] = if full { &["hall:10000", "cornell", "city:10000"] } else { &["hall:100"] };
     for name in names {
@@ -76,21 +77,35 @@ fn row(
 ) {
     let (mut hits, mut occluded) = (vec![None; count], vec![false; count]);
     let mut best = [f64::INFINITY; 3];
+    let mut used = [0.0; 2];
+    // Kernels are compiled when they first run.
+    trace(device, None, (&mut hits, &mut occluded));
     for _ in 0..ROUNDS {
         for (method, cpu) in [Some(cpu), None].into_iter().enumerate() {
-            let start = Instant::now();
+            let (start, before) = (Instant::now(), processor_time());
             trace(device, cpu, (&mut hits, &mut occluded));
             best[method] = best[method].min(start.elapsed().as_secs_f64());
+            used[method] += processor_time() - before;
         }
         best[2] = best[2].min(device.kernel_seconds().unwrap_or(f64::NAN));
         black_box((&hits, &occluded));
     }
     let [on_cpu, on_device, kernel] = best.map(|seconds| count as f64 / seconds / 1e6);
     println!(
-        "{scene:<14}{rays:<10}{count:>9}{on_cpu:>12.2}{on_device:>12.2}{kernel:>12.2}{:>10.2}{:>10.2}",
+        "{scene:<14}{rays:<10}{count:>9}{on_cpu:>12.2}{on_device:>12.2}{kernel:>12.2}{:>10.2}{:>10.2}{:>10.2}",
         on_device / on_cpu,
-        kernel / on_cpu
+        kernel / on_cpu,
+        used[0] / used[1]
     );
+}
+
+/// Seconds of user and system time of all threads, those of a driver included, in the kernel's ticks of 10 ms; nothing where there is no such file.
+fn processor_time() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The program's name, in parentheses, may hold anything; after it these are the 12th and 13th.
+    let rest = stat.rsplit(')').next().unwrap_or_default();
+    let ticks = rest.split_whitespace().skip(11).take(2).filter_map(|ticks| ticks.parse::<u64>().ok());
+    0.01 * ticks.sum::<u64>() as f64
 }
 
 /// Camera rays in tiles of 8 × 8 pixels, and a segment from each hit to a random light.

@@ -191,7 +191,7 @@ pub struct DrawOptions<'a> {
     pub choice: ChildChoice,
     /// WGSL of the receivers; [`DEFAULT_RECEIVER`] says what it has to hold.
     pub receiver: &'a str,
-    /// For a [`TwoLevelTree`](crate::two_level::TwoLevelTree) and not a [`DeviceTree`].
+    /// For a [`TwoLevelTree`] and not a [`DeviceTree`].
     pub two_level: bool,
     /// With a guard of shared cuts, which needs a third function of the receivers: `receiver_lobes`, as [distributions](crate::cdf) do.
     pub guard: bool,

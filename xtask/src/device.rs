@@ -104,13 +104,13 @@ pub(crate) fn check(plan: &Plan, params: &RenderParams) -> Result<(), Failure> {
     if plan.settings.number("clamp").is_some_and(f32::is_finite) {
         return Err(refused("virtual lights are not clamped there; leave --set clamp out"));
     }
-    match plan.settings.find("builder") {
-        Some(builder) if builder != "perfect" && builder != trees::BUILDER.default => {
-            return Err(refused(&format!(
-                "the device builds perfect trees, not {builder}; leave --set builder out"
-            )));
-        }
-        _ => {}
+    if let Some(builder) = plan.settings.find("builder")
+        && builder != "perfect"
+        && builder != trees::BUILDER.default
+    {
+        return Err(refused(&format!(
+            "the device builds perfect trees, not {builder}; leave --set builder out"
+        )));
     }
     if let Some(note) = drawing.note(plan) {
         eprintln!("--device gpu: {note}");

@@ -150,13 +150,16 @@ impl Kernels {
 
 /// What draws for the pixels of a band.
 pub(super) enum Drawer {
-    Walks(Draws),
-    Cdf {
-        draws: CdfDraws,
-        learner: Option<Learner>,
-        /// Whether a frame before this one has learned.
-        has_learned: bool,
-    },
+    Walks(Box<Draws>),
+    Cdf(Box<CdfDrawer>),
+}
+
+/// Distributions, and what learns for them.
+pub(super) struct CdfDrawer {
+    draws: CdfDraws,
+    learner: Option<Learner>,
+    /// Whether a frame before this one has learned.
+    has_learned: bool,
 }
 
 impl Drawer {
@@ -172,12 +175,12 @@ impl Drawer {
         let stride = size_of::<ReceiverRecord>() as u64;
         match (kernels, drawing) {
             (Kernels::Walks(kernels), Drawing::Walks(walks)) => {
-                Ok(Self::Walks(Draws::new(gpu, kernels, tree, walks, receivers, stride, drawn)?))
+                Ok(Self::Walks(Box::new(Draws::new(gpu, kernels, tree, walks, receivers, stride, drawn)?)))
             }
             (Kernels::Cdf(kernels), Drawing::Cdf(options)) => {
                 let draws = CdfDraws::new(gpu, kernels, tree, options, receivers, stride, drawn)?;
                 let learner = options.learn.map(|_| draws.learner(gpu, outcomes)).transpose()?;
-                Ok(Self::Cdf { draws, learner, has_learned: false })
+                Ok(Self::Cdf(Box::new(CdfDrawer { draws, learner, has_learned: false })))
             }
             _ => unreachable!("kernels were made for the plan"),
         }
@@ -187,8 +190,8 @@ impl Drawer {
     pub(super) fn set_request(&self, gpu: &Gpu, request: &DrawRequest) -> Result<(), GpuError> {
         match self {
             Self::Walks(draws) => draws.set_request(gpu.queue(), request),
-            Self::Cdf { draws, .. } => {
-                draws.set_request(gpu.queue(), request);
+            Self::Cdf(cdf) => {
+                cdf.draws.set_request(gpu.queue(), request);
                 Ok(())
             }
         }
@@ -198,16 +201,16 @@ impl Drawer {
     pub(super) fn encode(&self, encoder: &mut CommandEncoder, times: &mut StageTimes, is_first: bool) {
         match self {
             Self::Walks(draws) => draws.encode(encoder),
-            Self::Cdf { draws, has_learned, .. } => {
+            Self::Cdf(cdf) => {
                 if is_first {
-                    if *has_learned {
-                        draws.encode_cuts_keeping(encoder);
+                    if cdf.has_learned {
+                        cdf.draws.encode_cuts_keeping(encoder);
                     } else {
-                        draws.encode_cuts(encoder);
+                        cdf.draws.encode_cuts(encoder);
                     }
                     times.mark(encoder, "cuts");
                 }
-                draws.encode_draws(encoder);
+                cdf.draws.encode_draws(encoder);
             }
         }
         times.mark(encoder, "draw");
@@ -215,10 +218,11 @@ impl Drawer {
 
     /// Records that what the lights gave is learned.
     pub(super) fn encode_learning(&mut self, encoder: &mut CommandEncoder, times: &mut StageTimes) {
-        if let Self::Cdf { learner: Some(learner), has_learned, .. } = self {
+        let Self::Cdf(cdf) = self else { return };
+        if let Some(learner) = &cdf.learner {
             learner.encode(encoder);
             times.mark(encoder, "learn");
-            *has_learned = true;
+            cdf.has_learned = true;
         }
     }
 }

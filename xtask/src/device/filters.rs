@@ -36,7 +36,7 @@ impl DeviceFilters {
         svgf: &SvgfParams,
         taa: Option<&TaaParams>,
         input: &FilterInput<'_>,
-        out: &mut Vec<Vec3>,
+        out: &mut [Vec3],
     ) -> Result<FilterReport, GpuError> {
         let size = (input.width, input.height);
         let gpu = self.gpu.clone();
@@ -56,7 +56,7 @@ impl DeviceFilters {
         let gpu_filter::FilterReport { non_finite, with_history, without_history, mut clipped } =
             ready.svgf.filter(&gpu, &frame, out)?;
         if let Some(taa) = &mut ready.taa {
-            let smooth = out.clone();
+            let smooth = out.to_vec();
             clipped = taa.filter(&gpu, &FilterFrame { color: &smooth, ..frame }, out)?.clipped;
         }
         self.ready = Some(ready);

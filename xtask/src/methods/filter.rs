@@ -49,12 +49,12 @@ enum Engine {
 impl Engine {
     /// # Errors
     /// If a dial is out of the filter's range, or the device has something against it.
-    fn filter(&mut self, input: &FilterInput<'_>, out: &mut Vec<Vec3>) -> Result<FilterReport, Failure> {
+    fn filter(&mut self, input: &FilterInput<'_>, out: &mut [Vec3]) -> Result<FilterReport, Failure> {
         match self {
             Self::Cpu { svgf, taa } => {
                 let mut report = svgf.filter(input, out).map_err(|error| refused(&error))?;
                 if let Some(taa) = taa {
-                    let smooth = out.clone();
+                    let smooth = out.to_vec();
                     let anti_aliased = taa.filter(&FilterInput { color: &smooth, ..*input }, out);
                     report.clipped = anti_aliased.map_err(|error| refused(&error))?.clipped;
                 }

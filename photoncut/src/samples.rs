@@ -23,7 +23,7 @@ pub struct InterpolationParams {
     pub gradients: bool,
     /// Whether neighbours bound each other's R.
     pub clamp_neighbours: bool,
-    /// How much a sample's distance along its own normal counts, added to its distance: from 0 on (Ward's e; what is less counts as 0) to a million. A shelf above a point is near
+    /// How much a sample's distance along its own normal counts, added to its distance: from 0 on (Ward's e; what is less, or NaN, counts as 0) to a million. A shelf above a point is near
     /// it and faces the same way, and sees other light; Ward 1988 leaves out what lies behind, which is not continuous.
     pub planes: f32,
     /// Least R, in the scene's length unit; at least 0.

@@ -6,6 +6,7 @@
 //! flat, or a 256th of the lamp; spheres and skies are parted by direction.
 
 use core::f32::consts::{PI, TAU};
+use std::collections::BTreeMap;
 
 use glam::{DVec3, Quat, Vec3};
 
@@ -13,8 +14,8 @@ use crate::{Aperture, Light, Polygon, Profile, Shape, hull::convex_hull};
 
 /// A piece with less than this share of its light's flux is not split,
 const SMALLEST: f64 = 1.0 / 256.0;
-/// nor is one with fewer paths than this: nothing would be known of its parts, and a thousand small lamps would take more memory than their light.
-const FEWEST_PATHS: f64 = 64.0;
+/// nor is one with fewer paths than this: of its parts next to nothing would be known, and hundreds of small lamps would take more memory than their paths.
+const FEWEST_PATHS: f64 = 256.0;
 
 /// A node of the tree.
 #[derive(Clone, Debug)]
@@ -50,7 +51,7 @@ pub(crate) struct ApertureTree {
     /// Leaves in order, with the share of the flux up to each, itself included.
     leaves: Vec<(u32, f64)>,
     /// Of leaves with several triangles, these, and the area up to each.
-    facets: Vec<Vec<(Polygon, f32)>>,
+    facets: BTreeMap<u32, Box<[(Polygon, f32)]>>,
 }
 
 /// The start of a path.
@@ -67,7 +68,7 @@ pub(crate) struct Emission {
 impl ApertureTree {
     pub(crate) fn build(light: &Light, stage: &Stage) -> Self {
         let smallest = SMALLEST.max(FEWEST_PATHS / f64::from(light.paths));
-        let mut tree = Self { smallest, pieces: Vec::new(), leaves: Vec::new(), facets: Vec::new() };
+        let mut tree = Self { smallest, pieces: Vec::new(), leaves: Vec::new(), facets: BTreeMap::new() };
         let frame = light.frame();
         let position = light.transform.transform_point3(Vec3::ZERO);
         match &light.aperture {
@@ -113,13 +114,13 @@ impl ApertureTree {
                 tree.sky(frame, [half_angle.cos(), 1.0], [0.0, TAU], *half_angle, 1.0);
             }
         }
+        tree.pieces.shrink_to_fit();
         tree.number_leaves();
         tree
     }
 
     fn push(&mut self, shape: Shape, share: f64, size: f64) -> u32 {
         self.pieces.push(Piece { shape, share, size, children: None });
-        self.facets.push(Vec::new());
         (self.pieces.len() - 1) as u32
     }
 
@@ -186,7 +187,7 @@ impl ApertureTree {
                 sum += triangle.area();
                 (lifted(&triangle, stage.lift), sum)
             };
-            self.facets[piece as usize] = triangles.into_iter().map(upto).collect();
+            self.facets.insert(piece, triangles.into_iter().map(upto).collect());
         }
         piece
     }
@@ -207,8 +208,6 @@ impl ApertureTree {
             let first = self.polygon(light, first, share * of_first, stage);
             let second = self.polygon(light, second, share * (1.0 - of_first), stage);
             self.pieces[piece as usize].children = Some([first, second]);
-        } else {
-            self.facets[piece as usize] = vec![(above, above.area())];
         }
         piece
     }
@@ -224,15 +223,17 @@ impl ApertureTree {
                 }
             }
         }
+        self.leaves.shrink_to_fit();
+    }
+
+    /// Bytes of the tree.
+    pub(crate) fn bytes(&self) -> usize {
+        let facets: usize =
+            self.facets.values().map(|facets| size_of_val(facets) + size_of_val(&**facets)).sum();
+        size_of_val(&*self.pieces) + size_of_val(&*self.leaves) + facets
     }
 
     /// Whether it has the same pieces, wherever they are.
-    /// Bytes of the tree.
-    pub(crate) fn bytes(&self) -> usize {
-        let facets: usize = self.facets.iter().map(|facets| size_of_val(&**facets)).sum();
-        size_of_val(&*self.pieces) + size_of_val(&*self.leaves) + size_of_val(&*self.facets) + facets
-    }
-
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let alike = |(a, b): (&Piece, &Piece)| a.children == b.children && a.share == b.share;
         self.pieces.len() == other.pieces.len() && self.pieces.iter().zip(&other.pieces).all(alike)
@@ -263,38 +264,43 @@ impl ApertureTree {
                 let across = r * (phi.cos() * a + phi.sin() * b);
                 (stage.center + stage.radius * (across + 2.0 * toward), -toward, 1.0)
             }
-            Shape::Point { position, profile, frame } if self.facets[piece as usize].is_empty() => {
-                let (direction, weight) = profile.emit([s, t]);
-                (*position, *frame * direction, weight)
+            Shape::Polygon(polygon) | Shape::ShapedPolygon { polygon, .. } => {
+                off_facet(&[(*polygon, polygon.area())], light, [u, v, s, t], stage)
             }
-            _ => self.off_facet(piece, light, [u, v, s, t], stage),
+            shape => match (self.facets.get(&piece), shape) {
+                (Some(facets), _) => off_facet(facets, light, [u, v, s, t], stage),
+                (None, Shape::Point { position, profile, frame }) => {
+                    let (direction, weight) = profile.emit([s, t]);
+                    (*position, *frame * direction, weight)
+                }
+                (None, _) => unreachable!("leaves of several triangles have facets"),
+            },
         };
         Emission { origin, direction, weight, piece }
     }
+}
 
-    fn off_facet(
-        &self,
-        piece: u32,
-        light: &Light,
-        [u, v, s, t]: [f32; 4],
-        stage: &Stage,
-    ) -> (Vec3, Vec3, f32) {
-        let facets = &self.facets[piece as usize];
-        let area = u * facets[facets.len() - 1].1;
-        let i = facets.partition_point(|&(_, upto)| upto <= area).min(facets.len() - 1);
-        let below = if i == 0 { 0.0 } else { facets[i - 1].1 };
-        let u = ((area - below) / (facets[i].1 - below)).clamp(0.0, 1.0);
-        let polygon = &facets[i].0;
-        let (point, normal) = (polygon.point([u, v]), polygon.normal());
-        match &light.profile {
-            Profile::Lambert => (point, cosine_around(normal, [s, t]), 1.0),
-            profile => {
-                let (direction, weight) = profile.emit([s, t]);
-                let direction = light.frame() * direction;
-                // Light that leaves backwards starts on the other side.
-                let back = if direction.dot(normal) < 0.0 { 2.0 * stage.lift } else { 0.0 };
-                (point - back * normal, direction, weight)
-            }
+/// From one of several polygons, each with the area up to it.
+fn off_facet(
+    facets: &[(Polygon, f32)],
+    light: &Light,
+    [u, v, s, t]: [f32; 4],
+    stage: &Stage,
+) -> (Vec3, Vec3, f32) {
+    let area = u * facets[facets.len() - 1].1;
+    let i = facets.partition_point(|&(_, upto)| upto <= area).min(facets.len() - 1);
+    let below = if i == 0 { 0.0 } else { facets[i - 1].1 };
+    let u = ((area - below) / (facets[i].1 - below)).clamp(0.0, 1.0);
+    let polygon = &facets[i].0;
+    let (point, normal) = (polygon.point([u, v]), polygon.normal());
+    match &light.profile {
+        Profile::Lambert => (point, cosine_around(normal, [s, t]), 1.0),
+        profile => {
+            let (direction, weight) = profile.emit([s, t]);
+            let direction = light.frame() * direction;
+            // Light that leaves backwards starts on the other side.
+            let back = if direction.dot(normal) < 0.0 { 2.0 * stage.lift } else { 0.0 };
+            (point - back * normal, direction, weight)
         }
     }
 }
@@ -452,15 +458,18 @@ mod tests {
     /// A rectangle is one polygon, and stays polygons; a disk has the area of its circle.
     #[test]
     fn flat_lamps_are_polygons() {
+        let area = |shape: &Shape| match shape {
+            Shape::Polygon(polygon) => polygon.area(),
+            shape => panic!("{shape:?}"),
+        };
         let quad = apertures().swap_remove(3);
         let tree = ApertureTree::build(&light(quad, Profile::Lambert), &STAGE);
         assert!(tree.pieces.iter().all(|piece| matches!(piece.shape, Shape::Polygon(_))));
-        let leaves: f32 = tree.leaves.iter().map(|&(leaf, _)| tree.facets[leaf as usize][0].0.area()).sum();
+        let leaves: f32 = tree.leaves.iter().map(|&(leaf, _)| area(&tree.pieces[leaf as usize].shape)).sum();
         assert!((leaves - 3.0).abs() < 1e-3);
         let disk = light(Aperture::Disk { radius: 2.0 }, Profile::Lambert);
         let tree = ApertureTree::build(&disk, &STAGE);
-        let area: f32 =
-            tree.leaves.iter().map(|&(leaf, _)| tree.facets[leaf as usize].last().unwrap().1).sum();
+        let area: f32 = tree.leaves.iter().map(|&(leaf, _)| area(&tree.pieces[leaf as usize].shape)).sum();
         assert!((area / (4.0 * PI) - 1.0).abs() < 1e-3, "{area}");
         assert!(tree.emit(&disk, &STAGE, [0.1, 0.2, 0.3, 0.4]).direction.z < 0.0);
     }

@@ -35,8 +35,8 @@ pub struct Baker {
     /// Counts edits of any kind.
     pub(crate) edit: u32,
     pub(crate) log: EditLog,
-    /// The edit that each object changed at last.
-    pub(crate) objects: Vec<u32>,
+    /// The edit that an object changed at last, of those that some path may not have been looked at since.
+    pub(crate) objects: BTreeMap<u32, u32>,
     pub(crate) turns: Turns,
     pub(crate) attention: Attention,
     /// All paths were traced once.
@@ -121,7 +121,7 @@ impl Baker {
             version: GeometryVersion::default(),
             edit: 0,
             log: EditLog::default(),
-            objects: Vec::new(),
+            objects: BTreeMap::new(),
             turns: Turns::default(),
             attention: Attention::default(),
             primed: false,

@@ -1,5 +1,7 @@
 //! Edits: what a user does to a scene.
 
+use std::collections::BTreeSet;
+
 use crate::aperture::ApertureTree;
 use crate::baker::{Baker, Lamp};
 use crate::forest::{NONE, Place};
@@ -81,8 +83,8 @@ impl Baker {
         }
         self.edit += 1;
         self.version.0 += 1;
+        self.mark_objects(&changes.iter().map(|change| change.object).collect());
         for change in changes {
-            self.mark_object(change.object);
             for bounds in change.before.iter().chain(&change.after) {
                 self.log.push(self.edit, *bounds);
                 self.attention.log(self.version, *bounds);
@@ -99,26 +101,24 @@ impl Baker {
     /// Objects whose albedo changed. Shadows did not, so the version of the geometry stays.
     pub fn recolour(&mut self, objects: &[u32]) {
         self.edit += 1;
-        for &object in objects {
-            self.mark_object(object);
-        }
+        self.mark_objects(&objects.iter().copied().collect());
         self.refresh();
     }
 
-    /// Paths that met the object are known to be invalid.
-    fn mark_object(&mut self, object: u32) {
-        if object as usize >= self.objects.len() {
-            self.objects.resize(object as usize + 1, 0);
-        }
-        self.objects[object as usize] = self.edit;
-        let vertices: Vec<u32> = self.paths.on_object(object).collect();
-        for vertex in vertices {
+    /// Paths that met these objects are known to be invalid.
+    fn mark_objects(&mut self, objects: &BTreeSet<u32>) {
+        self.objects.extend(objects.iter().map(|&object| (object, self.edit)));
+        for vertex in self.paths.on_objects(objects) {
             let path = self.paths.path(vertex);
-            let key = self.owner(path);
             let power = self.forest.units.flux(glam::Vec3::splat(self.paths.info(path).power));
+            let key = *self.owners.range(..=path).next_back().expect("every path has an owner").1;
             let lamp = self.lights.get_mut(&key).expect("a path's owner is a light");
-            lamp.known.push(path - lamp.first_path);
-            lamp.invalid = lamp.invalid.saturating_add(power);
+            let index = path - lamp.first_path;
+            // Vertices of a path mostly follow one another.
+            if lamp.known.last() != Some(&index) {
+                lamp.known.push(index);
+                lamp.invalid = lamp.invalid.saturating_add(power);
+            }
         }
     }
 

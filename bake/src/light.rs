@@ -82,7 +82,7 @@ pub enum LightError {
         /// Its index.
         index: usize,
     },
-    /// No triangle of the aperture has an area.
+    /// No triangle of the aperture has an area in the world.
     NoArea,
     /// The half angle of the sky is not within 0 to π/2.
     HalfAngle,
@@ -156,7 +156,8 @@ impl Light {
                 if let Some(index) = triangles.iter().position(bad) {
                     return Err(LightError::Triangle { index });
                 }
-                let has_area = |&[a, b, c]: &[Vec3; 3]| crate::Polygon::new(&[a, b, c]).is_some();
+                let in_world = |corner| self.transform.transform_point3(corner);
+                let has_area = |corners: &[Vec3; 3]| crate::Polygon::new(&corners.map(in_world)).is_some();
                 if triangles.iter().any(has_area) { Ok(()) } else { Err(LightError::NoArea) }
             }
             Aperture::Sky { half_angle } => {

@@ -1,6 +1,11 @@
 //! All light paths: where they met surfaces, and what they left there as virtual point lights.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, sections 3.3 and 4.2. A vertex takes 48 bytes and a path 12; lists are threaded through the vertices.
+//! Luksch, Wimmer and Schwärzler 2019, sections 3.3 and 4.2. A vertex takes 40 bytes and a path 8; lists are threaded through the vertices.
+//!
+//! Differs from the paper: no list leads from an object to its vertices. Each vertex names its object, and an edit looks at all of them in the order of
+//! memory, which takes no longer than a walk along a list would through a tenth of them.
+
+use std::collections::BTreeSet;
 
 use glam::Vec3;
 
@@ -12,6 +17,8 @@ use crate::sums::{Sums, Units};
 pub(crate) const MAX_PATHS: u32 = 1 << 28;
 /// The last vertex of a path.
 const END: u32 = 1 << 31;
+/// In place of the cell of a vertex that is free.
+const FREE: u32 = NONE - 1;
 
 /// What a path meets, as far as it is kept. Bits are compared to tell whether it is still there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,10 +38,8 @@ pub(crate) struct Vertex {
     pub(crate) hit: Hit,
     /// The next on its path; of the last, [`END`] and the path.
     next: u32,
-    /// The next in its cell.
+    /// The next in its cell, or [`FREE`].
     in_cell: u32,
-    /// Neighbours among those on its object.
-    on_object: [u32; 2],
 }
 
 /// A path's state.
@@ -42,10 +47,21 @@ pub(crate) struct Vertex {
 struct Path {
     /// Its first vertex.
     first: u32,
-    /// Edit that it was validated at << 2 | whether its end escapes << 1 | whether its first segment is counted.
+    /// Whether its first segment is counted; its end escapes << 1; the upper half of its power's bits << 2, which has no sign; and the edit that it was
+    /// validated at less [`Paths::base`] << 17.
     bits: u32,
-    /// The largest channel that it carries, W: roulette keeps it the same all along.
-    power: f32,
+}
+
+/// Where the edit begins in a path's bits,
+const EDIT: u32 = 17;
+/// and the last that they hold. A path that was validated later is looked at again.
+const LAST_EDIT: u32 = u32::MAX >> EDIT;
+
+/// The next number up that a path's bits hold: 8 of its bits. What roulette goes by, and so nothing is lost or gained by it.
+pub(crate) fn rounded_power(power: f32) -> f32 {
+    let up = power.to_bits().saturating_add(0xffff) & !0xffff;
+    // The largest are rounded down, or they would be infinite.
+    f32::from_bits(up.min(f32::MAX.to_bits() & !0xffff))
 }
 
 /// How a path ends, and when it was looked at.
@@ -55,9 +71,9 @@ pub(crate) struct PathInfo {
     pub(crate) counted: bool,
     /// Its last segment meets nothing.
     pub(crate) escaped: bool,
-    /// The edit up to which it is valid.
+    /// The edit up to which it is valid, at least.
     pub(crate) edit: u32,
-    /// The largest channel that it carries, W.
+    /// The largest channel that it carries, W, [rounded up](rounded_power).
     pub(crate) power: f32,
 }
 
@@ -69,21 +85,14 @@ pub(crate) struct Paths {
     /// First of the free vertices, threaded by `next`.
     free: u32,
     pub(crate) vertex_count: usize,
-    /// First vertex on each object.
-    objects: Vec<u32>,
+    /// The edit up to which all paths are valid.
+    base: u32,
     units: Units,
 }
 
 impl Paths {
     pub(crate) const fn new(units: Units) -> Self {
-        Self {
-            paths: Vec::new(),
-            vertices: Vec::new(),
-            free: NONE,
-            vertex_count: 0,
-            objects: Vec::new(),
-            units,
-        }
+        Self { paths: Vec::new(), vertices: Vec::new(), free: NONE, vertex_count: 0, base: 0, units }
     }
 
     /// Room for paths up to `count`, untraced.
@@ -91,19 +100,28 @@ impl Paths {
         let count = count as usize;
         if count > self.paths.len() {
             self.paths.reserve_exact(count - self.paths.len());
-            self.paths.resize(count, Path { first: NONE, bits: 0, power: 0.0 });
+            self.paths.resize(count, Path { first: NONE, bits: 0 });
         }
     }
 
     pub(crate) fn info(&self, path: u32) -> PathInfo {
-        let Path { bits, power, .. } = self.paths[path as usize];
-        PathInfo { counted: bits & 1 != 0, escaped: bits & 2 != 0, edit: bits >> 2, power }
+        let bits = self.paths[path as usize].bits;
+        let power = f32::from_bits((bits >> 2 & 0x7fff) << 16);
+        PathInfo { counted: bits & 1 != 0, escaped: bits & 2 != 0, edit: self.base + (bits >> EDIT), power }
     }
 
     pub(crate) fn set_info(&mut self, path: u32, info: PathInfo) {
-        let path = &mut self.paths[path as usize];
-        path.bits = info.edit << 2 | u32::from(info.escaped) << 1 | u32::from(info.counted);
-        path.power = info.power;
+        debug_assert_eq!(info.power.to_bits(), rounded_power(info.power).to_bits());
+        let since = info.edit.saturating_sub(self.base).min(LAST_EDIT);
+        let power = info.power.to_bits() >> 16 & 0x7fff;
+        self.paths[path as usize].bits =
+            since << EDIT | power << 2 | u32::from(info.escaped) << 1 | u32::from(info.counted);
+    }
+
+    /// All paths are valid up to this edit.
+    pub(crate) fn all_valid(&mut self, edit: u32) {
+        self.base = edit;
+        self.paths.iter_mut().for_each(|path| path.bits &= (1 << EDIT) - 1);
     }
 
     /// Vertices of a path, in order.
@@ -134,20 +152,15 @@ impl Paths {
         (path, number as u32)
     }
 
-    /// Vertices on an object, in no order that means anything.
-    pub(crate) fn on_object(&self, object: u32) -> impl Iterator<Item = u32> {
-        let some = |vertex: u32| (vertex != NONE).then_some(vertex);
-        let first = self.objects.get(object as usize).copied().unwrap_or(NONE);
-        core::iter::successors(some(first), move |&v| some(self.vertices[v as usize].on_object[1]))
+    /// Vertices on any of these objects, in no order that means anything.
+    pub(crate) fn on_objects(&self, objects: &BTreeSet<u32>) -> impl Iterator<Item = u32> {
+        let is_on = |v: &Vertex| v.in_cell != FREE && objects.contains(&v.hit.object);
+        (0u32..).zip(&self.vertices).filter(move |(_, vertex)| is_on(vertex)).map(|(index, _)| index)
     }
 
     /// Appends a vertex to its path: after `last`, which is the path's last, or as its first. It is in no cell.
     pub(crate) fn append(&mut self, path: u32, last: Option<u32>, hit: Hit) -> u32 {
-        if hit.object as usize >= self.objects.len() {
-            self.objects.resize(hit.object as usize + 1, NONE);
-        }
-        let after = self.objects[hit.object as usize];
-        let vertex = Vertex { hit, next: END | path, in_cell: NONE, on_object: [NONE, after] };
+        let vertex = Vertex { hit, next: END | path, in_cell: NONE };
         let index = if self.free == NONE {
             if self.vertices.len() == self.vertices.capacity() {
                 // Twice as much would spoil the bytes per vertex.
@@ -161,10 +174,6 @@ impl Paths {
             self.vertices[index as usize] = vertex;
             index
         };
-        if after != NONE {
-            self.vertices[after as usize].on_object[0] = index;
-        }
-        self.objects[hit.object as usize] = index;
         match last {
             Some(last) => self.vertices[last as usize].next = index,
             None => self.paths[path as usize].first = index,
@@ -181,16 +190,9 @@ impl Paths {
         };
         let mut vertex = core::mem::replace(link, END | path);
         while vertex < END {
-            let Vertex { next, on_object: [before, after], hit, .. } = self.vertices[vertex as usize];
-            if before == NONE {
-                self.objects[hit.object as usize] = after;
-            } else {
-                self.vertices[before as usize].on_object[1] = after;
-            }
-            if after != NONE {
-                self.vertices[after as usize].on_object[0] = before;
-            }
-            self.vertices[vertex as usize].next = self.free;
+            let entry = &mut self.vertices[vertex as usize];
+            let next = core::mem::replace(&mut entry.next, self.free);
+            entry.in_cell = FREE;
             self.free = vertex;
             self.vertex_count -= 1;
             vertex = next;
@@ -228,9 +230,7 @@ impl Paths {
 
     /// Bytes of vertices, paths and lists.
     pub(crate) fn bytes(&self) -> usize {
-        self.vertices.capacity() * size_of::<Vertex>()
-            + self.paths.capacity() * size_of::<Path>()
-            + self.objects.capacity() * size_of::<u32>()
+        self.vertices.capacity() * size_of::<Vertex>() + self.paths.capacity() * size_of::<Path>()
     }
 }
 
@@ -246,5 +246,54 @@ impl Members for Paths {
 
     fn set_next(&mut self, vertex: u32, next: u32) {
         self.vertices[vertex as usize].in_cell = next;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn powers_are_rounded_up_by_little() {
+        for power in [0.0, 1e-45, 1e-30, 0.1, 1.0, 1.000_001, 3.7e4, 3e38, f32::MAX] {
+            let rounded = rounded_power(power);
+            assert_eq!(rounded_power(rounded), rounded);
+            assert!(rounded.is_finite() && rounded >= power.min(3.3e38), "{power} became {rounded}");
+            assert!(power < 1e-38 || rounded <= power * 1.008, "{power} became {rounded}");
+        }
+    }
+
+    #[test]
+    fn a_path_keeps_what_it_is_told() {
+        let units = Units { origin: DVec3::ZERO, length: 1.0, flux: 1.0 };
+        let mut paths = Paths::new(units);
+        paths.grow(2);
+        paths.all_valid(1000);
+        let info = PathInfo { counted: true, escaped: true, edit: 1003, power: rounded_power(0.3) };
+        paths.set_info(1, info);
+        assert_eq!(paths.info(1), info);
+        assert_eq!(paths.info(0), PathInfo { edit: 1000, ..PathInfo::default() });
+        // So many edits later it counts as older than it is, never as younger.
+        paths.set_info(1, PathInfo { edit: 1001 + LAST_EDIT, ..info });
+        assert_eq!(paths.info(1), PathInfo { edit: 1000 + LAST_EDIT, ..info });
+        paths.all_valid(2_000_000);
+        assert_eq!(paths.info(1), PathInfo { edit: 2_000_000, ..info });
+    }
+
+    #[test]
+    fn vertices_are_found_by_their_object_and_free_ones_are_not() {
+        let mut paths = Paths::new(Units { origin: DVec3::ZERO, length: 1.0, flux: 1.0 });
+        paths.grow(3);
+        let hit = |object| Hit { position: Vec3::ZERO, normal: 0, flux: Vec3::ONE, object };
+        let first = paths.append(0, None, hit(7));
+        paths.append(0, Some(first), hit(u32::MAX));
+        let other = paths.append(1, None, hit(7));
+        paths.append(2, None, hit(8));
+        let on = |paths: &Paths, objects: [u32; 2]| paths.on_objects(&objects.into()).collect::<Vec<_>>();
+        assert_eq!(on(&paths, [7, u32::MAX]), [0, 1, 2]);
+        paths.truncate(0, None);
+        assert_eq!(on(&paths, [7, u32::MAX]), [other]);
     }
 }

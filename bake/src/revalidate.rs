@@ -46,6 +46,8 @@ impl Baker {
         }
         if self.paths_pending() == 0 {
             self.log.clear();
+            self.objects.clear();
+            self.paths.all_valid(self.edit);
             self.paths.trim();
             self.forest.trim();
             if !self.primed {
@@ -90,9 +92,10 @@ impl Baker {
             tasks.extend(indices.map(|index| Task { key, index, path: lamp.first_path + index }));
             lamp.cursor += taken;
         }
-        // A path with two vertices on one object is known twice.
+        // A path may be known and come along with all others, too.
         let mut seen = std::collections::BTreeSet::new();
-        tasks.retain(|task| self.paths.info(task.path).edit != self.edit && seen.insert(task.path));
+        let is_valid = |info: PathInfo| info.counted && info.edit == self.edit;
+        tasks.retain(|task| !is_valid(self.paths.info(task.path)) && seen.insert(task.path));
         tasks
     }
 
@@ -134,7 +137,7 @@ impl Baker {
         let mut last: Option<Hit> = None;
         for vertex in self.paths.on_path(task.path) {
             let hit = *self.paths.hit(vertex);
-            let changed = self.objects.get(hit.object as usize).copied().unwrap_or(0);
+            let changed = self.objects.get(&hit.object).copied().unwrap_or(0);
             if changed > info.edit || self.log.crosses(info.edit, from, hit.position, false) {
                 return Some(count);
             }

@@ -78,8 +78,8 @@ impl From<BakeError> for LoadError {
 }
 
 impl Baker {
-    /// Number of the format that [`save`](Self::save) writes.
-    pub const FORMAT: u16 = 2;
+    /// Number of the format that [`save`](Self::save) writes; another one where the same dials give other paths or clusters, too.
+    pub const FORMAT: u16 = 3;
 
     /// The bake as bytes. `scene` is the host's name of the scene, a hash of its geometry as a rule.
     pub fn save(&self, scene: u64) -> Vec<u8> {

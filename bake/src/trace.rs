@@ -11,7 +11,7 @@ use crate::LightKey;
 use crate::aperture::{ApertureTree, Emission, Stage, cosine_around};
 use crate::light::Light;
 use crate::normal_code::{decode, encode};
-use crate::paths::Hit;
+use crate::paths::{Hit, rounded_power};
 
 /// A surface that a path meets, as the host sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +54,7 @@ pub(crate) struct Job<'a> {
 pub(crate) struct Traced {
     /// The piece that the path left from.
     pub(crate) piece: u32,
-    /// The largest channel that it carries, W.
+    /// The largest channel that it carries, W, [rounded up](rounded_power).
     pub(crate) power: f32,
     /// Vertices after the known ones.
     pub(crate) hits: Vec<Hit>,
@@ -118,7 +118,7 @@ pub(crate) fn trace_jobs(rules: &PathRules, jobs: &[Job<'_>], trace: &Trace<'_>)
         let emission = rules.emission(job);
         let power = rules.power(job.light, emission.weight);
         traced[i].piece = emission.piece;
-        traced[i].power = power.max_element();
+        traced[i].power = rounded_power(power.max_element());
         // A light that is off has paths, too, but nothing to carry.
         if traced[i].power <= 0.0 {
             continue;

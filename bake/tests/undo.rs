@@ -2,7 +2,7 @@
 
 mod common;
 
-use bake::{BakeError, Baker, LightKey, UpdateOrder};
+use bake::{BakeError, BakeParams, Baker, LightKey, UpdateOrder};
 use common::{Receivers, World, baked_room, bulb, finish, lamp, params, room, solid};
 use glam::Vec3;
 
@@ -105,7 +105,7 @@ fn lights_off_and_on() {
 #[test]
 fn edits_in_the_midst_of_others() {
     for order in [UpdateOrder::InvalidFlux, UpdateOrder::FirstInFirstOut] {
-        let (mut world, mut baker, mut receivers) = baked_room(bake::BakeParams { order, ..params(0.05) });
+        let (mut world, mut baker, mut receivers) = baked_room(BakeParams { order, ..params(0.05) });
         let start = receivers.sums.clone();
         let budget = bake::StepBudget { paths: 300, accumulations: 5 };
         for round in 0..12u32 {
@@ -139,7 +139,7 @@ fn edits_in_the_midst_of_others() {
 fn paths_that_are_skipped_are_valid() {
     let (mut world, mut baker, mut receivers) = baked_room(params(0.05));
     let (mut world_all, mut all, mut receivers_all) =
-        baked_room(bake::BakeParams { skip_unaffected: false, ..params(0.05) });
+        baked_room(BakeParams { skip_unaffected: false, ..params(0.05) });
     let boxes = [
         Some(solid([-2.0, 1.0, -1.0], [-1.0, 3.0, 0.0], 0.5)),
         None,
@@ -157,13 +157,13 @@ fn paths_that_are_skipped_are_valid() {
     }
 }
 
-/// 64 bytes for each path vertex, lists, cells and the lamp included, where half of the light that a surface meets goes on; and 8 more with lamps of 1500 paths each, which
-/// have a piece for each 64 of them at most.
+/// Bytes for each path vertex, paths, cells and lamps included: where half of the light that a surface meets goes on, from one lamp and from 40 with a tree each, and
+/// where each path leaves one vertex and its own 8 bytes weigh most.
 #[test]
 fn a_path_vertex_costs_what_is_stated() {
     let world = room();
-    for (lights, stated) in [(1, 64.0), (40, 72.0)] {
-        let mut baker = Baker::new(params(0.05)).unwrap();
+    for (lights, bounces, stated) in [(1, 3, 54.0), (40, 3, 54.0), (40, 1, 62.0)] {
+        let mut baker = Baker::new(BakeParams { bounces, ..params(0.05) }).unwrap();
         for key in 0..lights {
             baker
                 .add_light(LightKey(key), lamp([0.1 * key as f32, 3.9, 0.0], 10.0, 60_000 / lights))
@@ -173,8 +173,8 @@ fn a_path_vertex_costs_what_is_stated() {
         let progress = baker.step(budget, &world.trace(), &mut |_| {});
         assert_eq!(progress.paths_pending, 0);
         let each = baker.bytes() as f64 / baker.path_vertices() as f64;
-        println!("{lights} lights, {} vertices: {each:.1} B", baker.path_vertices());
-        assert!(each <= stated, "{each} with {lights} lights");
+        println!("{lights} lights, {bounces} bounces, {} vertices: {each:.1} B", baker.path_vertices());
+        assert!(each <= stated, "{each} with {lights} lights and {bounces} bounces");
     }
 }
 

@@ -150,41 +150,47 @@ impl<R: LightmapRays> Gather<'_, R> {
                 segments_before.push(segment(sample, target, before.far));
             }
         }
-        for (version, segments, occluded) in [
-            (after, &*segments, &mut scratch.occluded),
-            (before, &*segments_before, &mut scratch.occluded_before),
-        ] {
-            occluded.clear();
-            occluded.resize(segments.len(), false);
-            version.rays.occluded_each(segments, occluded, &mut scratch.rays);
-        }
-        let mut touched = false;
-        let mut occluded_before = scratch.occluded_before.iter();
-        let seen = scratch.replaced.iter().zip(&scratch.occluded).map(|(entry, occluded)| {
+        let Scratch { rays, occluded, occluded_before, .. } = scratch;
+        cast(&after.rays, segments, occluded, rays);
+        cast(&before.rays, segments_before, occluded_before, rays);
+        let mut was_occluded = occluded_before.iter();
+        let seen = replaced.iter().zip(&*occluded).map(|(entry, occluded)| {
             let was_occluded =
-                if entry.is_crossed { occluded_before.next().expect("one for each") } else { occluded };
-            let (old, new) = (entry.old.filter(|_| !was_occluded), entry.new.filter(|_| !occluded));
-            (entry.sample as usize / self.samples, old, new)
+                if entry.is_crossed { was_occluded.next().expect("one for each") } else { occluded };
+            (entry.sample, [entry.old.filter(|_| !was_occluded), entry.new.filter(|_| !occluded)])
         });
-        let mut seen = seen.peekable();
-        while let Some(&(texel, ..)) = seen.peek() {
+        self.settle(chunk, seen, sums, counts)
+    }
+
+    /// Takes what left samples out of the sums of their texels and puts in what came, samples in order; whether any sum is another now.
+    fn settle(
+        &self,
+        chunk: &Chunk,
+        samples: impl Iterator<Item = (u32, [Option<Incident>; 2])>,
+        sums: &mut [i64],
+        counts: &mut FixedPointCounts,
+    ) -> bool {
+        let channels = if self.directional { 12 } else { 3 };
+        let texel_of = |sample: u32| sample as usize / self.samples;
+        let mut touched = false;
+        let mut samples = samples.peekable();
+        while let Some(&(first, _)) = samples.peek() {
+            let texel = texel_of(first);
             let alive = self.alive(chunk, texel);
-            let (mut values, mut values_before) = ([0f64; 12], [0f64; 12]);
-            while let Some((_, old, new)) = seen.next_if(|entry| entry.0 == texel) {
-                for (incident, values) in [(old, &mut values_before), (new, &mut values)] {
+            let (mut left, mut came) = ([0f64; 12], [0f64; 12]);
+            while let Some((_, incidents)) = samples.next_if(|&(sample, _)| texel_of(sample) == texel) {
+                for (incident, values) in incidents.iter().zip([&mut left, &mut came]) {
                     if let Some(incident) = incident {
-                        add_incident(&incident, self.directional, values);
+                        add_incident(incident, self.directional, values);
                     }
                 }
             }
-            let channels = if self.directional { 12 } else { 3 };
             let own = &mut sums[texel * channels..(texel + 1) * channels];
-            for ((sum, value), before) in own.iter_mut().zip(values).zip(values_before) {
-                let [before, quanta] =
-                    [before, value].map(|value| self.fixed.quantise(value / alive, counts));
-                if before != quanta {
-                    accumulate(sum, -before, counts);
-                    accumulate(sum, quanta, counts);
+            for ((sum, left), came) in own.iter_mut().zip(left).zip(came) {
+                let [left, came] = [left, came].map(|value| self.fixed.quantise(value / alive, counts));
+                if left != came {
+                    accumulate(sum, -left, counts);
+                    accumulate(sum, came, counts);
                     touched = true;
                 }
             }
@@ -248,31 +254,19 @@ impl<R: LightmapRays> Gather<'_, R> {
         }
 
         // What does.
-        scratch.occluded.clear();
-        scratch.occluded.resize(scratch.segments.len(), false);
-        state.rays.occluded_each(&scratch.segments, &mut scratch.occluded, &mut scratch.rays);
-        let mut touched = false;
-        let mut arrived =
-            scratch.incidents.iter().zip(&scratch.occluded).filter(|(_, occluded)| !**occluded).peekable();
-        while let Some(&((first, _), _)) = arrived.peek() {
-            let texel = *first as usize / self.samples;
-            let alive = self.alive(chunk, texel);
-            let mut values = [0f64; 12];
-            while let Some(((_, incident), _)) =
-                arrived.next_if(|((i, _), _)| *i as usize / self.samples == texel)
-            {
-                add_incident(incident, self.directional, &mut values);
-            }
-            let channels = if self.directional { 12 } else { 3 };
-            let own = &mut sums[texel * channels..(texel + 1) * channels];
-            for (sum, value) in own.iter_mut().zip(values) {
-                let quanta = self.fixed.quantise(value / alive, counts);
-                accumulate(sum, sign * quanta, counts);
-                touched |= quanta != 0;
-            }
-        }
-        touched
+        let Scratch { rays, incidents, segments, occluded, .. } = scratch;
+        cast(&state.rays, segments, occluded, rays);
+        let seen = incidents.iter().zip(&*occluded).filter(|(_, occluded)| !**occluded);
+        let sides = |incident| if sign < 0 { [Some(incident), None] } else { [None, Some(incident)] };
+        self.settle(chunk, seen.map(|(&(sample, incident), _)| (sample, sides(incident))), sums, counts)
     }
+}
+
+/// Which segments meet something.
+fn cast<R: LightmapRays>(rays: &R, segments: &[Segment], occluded: &mut Vec<bool>, scratch: &mut R::Scratch) {
+    occluded.clear();
+    occluded.resize(segments.len(), false);
+    rays.occluded_each(segments, occluded, scratch);
 }
 
 /// The shadow ray from a sample, `far` where the light is endlessly far.

@@ -81,6 +81,9 @@ const ROUNDING: f32 = 1.0 / 2_097_152.0;
 /// The least |view + light|² that is told from others: rounding leaves four digits of that sum's square.
 const LEAST_SUM: f32 = 1e-8;
 
+/// The least length of an axis along the surface that has a direction.
+const LEAST_ALONG: f32 = 1e-6;
+
 /// The least that an oriented node counts for, relative to what it would be unoriented, while some of it may face the receiver.
 const LEAST_EMISSION: f32 = 1e-3;
 
@@ -263,6 +266,13 @@ struct Eye<'a> {
     at: [Vec4; 3],
     normal: [Vec4; 3],
     normal_abs: [Vec4; 3],
+    /// Where the lobe is narrowest at a grazing view: unit, perpendicular to the normal and the axis.
+    sideways: [Vec4; 3],
+    sideways_abs: [Vec4; 3],
+    /// The axis as it is along the surface; unit.
+    forward: [Vec4; 3],
+    /// Perpendicular to the axis and to `sideways`; unit.
+    upright_abs: [Vec4; 3],
     /// No horizon.
     everywhere: bool,
     lobes: &'a ScatterLobes,
@@ -273,36 +283,62 @@ struct Eye<'a> {
 impl<'a> Eye<'a> {
     fn new(at: Vec3, lobes: &'a ScatterLobes) -> Self {
         let splat = |v: Vec3| [Vec4::splat(v.x), Vec4::splat(v.y), Vec4::splat(v.z)];
+        let everywhere = lobes.normal == Vec3::ZERO;
+        let along = lobes.axis - lobes.normal * lobes.normal.dot(lobes.axis);
+        let length = along.length();
+        let (sideways, forward) = if everywhere || length <= LEAST_ALONG {
+            (if everywhere { lobes.axis } else { lobes.normal }).any_orthonormal_pair()
+        } else {
+            let forward = along / length;
+            (lobes.normal.cross(forward), forward)
+        };
         Self {
             at: splat(at),
             normal: splat(lobes.normal),
             normal_abs: splat(lobes.normal.abs()),
-            everywhere: lobes.normal == Vec3::ZERO,
+            sideways: splat(sideways),
+            sideways_abs: splat(sideways.abs()),
+            forward: splat(forward),
+            upright_abs: splat(sideways.cross(lobes.axis).abs()),
+            everywhere,
             lobes,
             margin: Vec4::splat(ROUNDING * (1.0 + at.abs().max_element())),
         }
     }
 
-    /// sin² of the angle between the normal and the half vector of the directions to the centre and to the viewer, and |sum of both|², which
-    /// says how far the half vector turns with the light. Around a grazing view a lobe is much narrower
-    /// sideways than its width as seen from above, so the angle to its axis would not do.
+    /// About the mean of the lobe over the directions to the box: `peak` where it is a point in the middle.
     ///
-    /// n × (view + light) is n × (light - axis), since the axis is the view mirrored: no difference of near numbers but those of directions, where
-    /// 1 - cos² would leave nothing of a narrow lobe.
+    /// GGX falls with sin² of the angle between the normal and the half vector, whose tangent parts are those of (light - axis) ÷ |view + light|, since
+    /// the axis is the view mirrored: no difference of near numbers but those of directions, where 1 - cos² would leave nothing of a narrow
+    /// lobe. Sideways the half vector turns by 1 ÷ |view + light| with the light, up and down by a half; at grazing views
+    /// these are far apart, and boxes of windows and walls are flat. So the box widens the lobe each way by its own extent there, and it is as much lower as
+    /// it is wider.
     #[inline(always)]
-    fn half_angle(&self, v: &[Vec4; 3], inverse: Vec4) -> (Vec4, Vec4) {
+    fn lobe(&self, v: &[Vec4; 3], half: &[Vec4; 3], inverse: Vec4) -> Vec4 {
         let axis = self.lobes.axis;
         let off = [v[0] * inverse - axis.x, v[1] * inverse - axis.y, v[2] * inverse - axis.z];
-        if self.everywhere {
-            return (0.25 * dot(&off, &off), Vec4::splat(4.0));
-        }
-        let n = &self.normal;
-        let aside =
-            [n[1] * off[2] - n[2] * off[1], n[2] * off[0] - n[0] * off[2], n[0] * off[1] - n[1] * off[0]];
-        let aside_squared = dot(&aside, &aside);
-        let height = (dot(v, n) * inverse).max(Vec4::ZERO) + self.lobes.normal.dot(axis);
-        let squared = (aside_squared + height * height).max(Vec4::splat(LEAST_SUM));
-        ((aside_squared / squared).min(Vec4::ONE), squared)
+        let sideways = dot(&off, &self.sideways);
+        let sideways_squared = sideways * sideways;
+        let (upright_squared, sum_squared) = if self.everywhere {
+            ((dot(&off, &off) - sideways_squared).max(Vec4::ZERO), Vec4::splat(4.0))
+        } else {
+            let forward = dot(&off, &self.forward);
+            let height = (dot(v, &self.normal) * inverse).max(Vec4::ZERO) + self.lobes.normal.dot(axis);
+            let sum_squared = sideways_squared + forward * forward + height * height;
+            (forward * forward, sum_squared.max(Vec4::splat(LEAST_SUM)))
+        };
+        let per_sum = sum_squared.recip();
+
+        // Squared widths, in half vectors.
+        let own = Vec4::splat(self.lobes.width_squared);
+        let extent = |along: &[Vec4; 3]| dot(half, along) * inverse;
+        let (wide, high) = (extent(&self.sideways_abs), extent(&self.upright_abs));
+        let across = (own + wide * wide * per_sum).min(Vec4::ONE);
+        let up = (own + 0.25 * high * high).min(Vec4::ONE);
+        let fall_across = sideways_squared * (Vec4::ONE - across) / across;
+        let fall_up = upright_squared * (Vec4::ONE - up) / up;
+        let fall = (Vec4::ONE + per_sum * (fall_across + fall_up)).recip();
+        self.lobes.peak * own * (across * up).sqrt().recip() * fall * fall
     }
 
     #[inline(always)]
@@ -326,12 +362,7 @@ impl<'a> Eye<'a> {
         };
         let mut scattered = above.min(Vec4::ONE) * self.lobes.diffuse;
         if GLOSSY {
-            // The lobe, spread over the directions to the box: as much lower as it is wider.
-            let (half_sin_squared, scale) = self.half_angle(&v, inverse);
-            let own = Vec4::splat(self.lobes.width_squared);
-            let width = (own + node.radius_squared * inverse * inverse / scale).min(Vec4::ONE);
-            let fall = width / (width + (Vec4::ONE - width) * half_sin_squared);
-            let lobe = self.lobes.peak * (own / width) * fall * fall;
+            let lobe = self.lobe(&v, &node.half, inverse);
             let gate = if self.everywhere {
                 Vec4::ONE
             } else {

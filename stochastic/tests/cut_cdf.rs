@@ -402,3 +402,105 @@ fn what_is_kept_helps_the_next_frame() {
     let far = share_with(&tree, &elsewhere, None);
     assert!((share_with(&tree, &elsewhere, Some(&store)) - far).abs() < 1e-9);
 }
+
+/// A pane before a wall, facing the same way and seen in the same pixel, must not draw by the wall's distribution: what it mirrors would be rare and bright. Nor do two panes that
+/// mirror different places, while camera samples of one surface share one.
+#[test]
+fn surfaces_that_scatter_otherwise_get_distributions_of_their_own() {
+    let lights = scattered(400);
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let wall = floor_receiver(Vec3::new(0.4, 0.6, 0.2));
+    let pane = |view: Vec3, alpha: f32| GgxReceiver {
+        position: wall.position + 1e-5,
+        normal: wall.normal,
+        view,
+        diffuse: 0.02,
+        f0: 0.04,
+        alpha,
+    };
+    let view = Vec3::new(1.0, 0.2, 0.3);
+    let narrow = pane(view, 0.02);
+    let mut block = BlockCdfs::default();
+    let mut built_after = |first: &dyn Receiver, second: &dyn Receiver| {
+        block.begin(1, None);
+        block.begin_pass(&tree, 64, [(wall.position, wall.normal)], None);
+        for receiver in [first, second, first, second] {
+            block.prepare(0, receiver, wall.normal);
+        }
+        let Prepared { weights, .. } = block.prepare(0, second, wall.normal);
+        let shared = weights.to_vec();
+        let mut own = Vec::new();
+        block.cut().records().estimate(second, &mut own);
+        let apart = shared.iter().zip(&own).any(|(a, b)| (a - b).abs() > 0.1 * b);
+        (block.built(), apart)
+    };
+    assert_eq!(built_after(&wall, &narrow), (2, false));
+    assert_eq!(built_after(&narrow, &wall), (2, false));
+    assert_eq!(built_after(&narrow, &pane(Vec3::new(1.0, 0.2, 0.35), 0.02)), (2, false));
+    assert_eq!(built_after(&narrow, &pane(view, 0.05)), (2, false));
+    assert_eq!(built_after(&narrow, &GgxReceiver { diffuse: 0.2, ..narrow }), (2, false));
+    assert_eq!(built_after(&wall, &LambertReceiver { albedo: 0.1, ..wall }).0, 1);
+    assert_eq!(built_after(&narrow, &pane(view + 1e-3, 0.021)), (1, false));
+}
+
+/// Of nodes seen by lobes from wide to narrow, some at grazing views: the weight is about the mean of what the surface makes of points of the box. Boxes are flat, as
+/// those of windows and walls; a sphere around them missed the mean by more than ten times.
+#[test]
+fn lobes_are_weighed_by_their_mean_over_the_box() {
+    let mut random = Random::new(8, 0, 0);
+    let mut ratios = Vec::new();
+    for case in 0..600 {
+        let mut uniform = |low: f32, high: f32| low + (high - low) * random.f32();
+        let view = Vec3::new(uniform(-1.0, 1.0), uniform(-1.0, 1.0), uniform(0.05, 1.0)).normalize();
+        let receiver = GgxReceiver {
+            position: Vec3::ZERO,
+            normal: Vec3::Z,
+            view,
+            diffuse: 0.0,
+            f0: 0.5,
+            alpha: 10f32.powf(uniform(-2.0, -0.5)),
+        };
+        // Around what is mirrored, or a few widths beside it.
+        let aside = Vec3::new(uniform(-1.0, 1.0), uniform(-1.0, 1.0), uniform(-1.0, 1.0));
+        let mirrored = Vec3::new(-view.x, -view.y, view.z) + 2.0 * receiver.alpha * aside;
+        let center = mirrored.normalize() * uniform(5.0, 50.0);
+        let mut half = Vec3::new(uniform(0.0, 0.8), uniform(0.0, 0.8), uniform(0.0, 0.8));
+        half[case % 3] = 0.0;
+        if center.z <= half.z {
+            continue;
+        }
+        // The same box without a lobe says what the weight is relative to.
+        let node = LightBounds { min: center - half, max: center + half, ..LightBounds::point(center, 1.0) };
+        let weigh = |receiver: &dyn Receiver| {
+            let (mut records, mut weights) = (NodeRecords::default(), Vec::new());
+            records.begin(&node);
+            records.push(&node);
+            records.estimate(receiver, &mut weights);
+            f64::from(weights[0])
+        };
+        let plain = LambertReceiver { position: Vec3::ZERO, normal: Vec3::ZERO, albedo: 1.0 };
+        let weighed = weigh(&receiver) / weigh(&plain) / std::f64::consts::PI;
+        // The lobes' own shape: what masking and Fresnel make of it is not the node's matter.
+        let lobes = receiver.lobes().unwrap();
+        let shape = |at: Vec3| {
+            let h = (at.normalize() + view).normalize().as_dvec3();
+            let sin_squared = h.cross(glam::DVec3::Z).length_squared();
+            let w = f64::from(lobes.width_squared);
+            f64::from(lobes.peak) * (w / (w + (1.0 - w) * sin_squared)).powi(2)
+        };
+        let mean = (0..4096)
+            .map(|_| {
+                shape(center + half * Vec3::new(uniform(-1.0, 1.0), uniform(-1.0, 1.0), uniform(-1.0, 1.0)))
+            })
+            .sum::<f64>()
+            / 4096.0;
+        ratios.push(weighed / mean);
+    }
+    ratios.sort_by(f64::total_cmp);
+    let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64) as usize];
+    let [least, low, middle, high, most] = [0.0, 0.1, 0.5, 0.9, 0.98].map(at);
+    assert!(ratios.len() > 400, "{} cases", ratios.len());
+    // Too little makes rare bright samples, too much only wasted ones.
+    assert!(least > 0.3 && low > 0.75 && (0.9..1.1).contains(&middle), "{least} {low} {middle}");
+    assert!(high < 1.3 && most < 8.0, "{high} {most}");
+}

@@ -43,11 +43,17 @@ const ROUNDING: f32 = 4.7683716e-7;
 // Places farther away than this many times the size of all lights see them as one point.
 const FARTHEST: f32 = 1e9;
 
+// The least length of an axis along the surface that has a direction.
+const LEAST_ALONG: f32 = 1e-6;
+
 // A receiver, prepared for one pass over all nodes.
 struct Eye {
     at: vec3f,
     margin: f32,
     lobes: Lobes,
+    // Unit: perpendicular to the normal and the lobe's axis, and that axis as it is along the surface.
+    sideways: vec3f,
+    forward: vec3f,
     everywhere: bool,
     // Not so far away that only intensities are left.
     near: bool,
@@ -55,13 +61,52 @@ struct Eye {
 
 fn eye_of(at: vec3f, lobes: Lobes) -> Eye {
     let reach = max(abs(at.x), max(abs(at.y), abs(at.z)));
-    return Eye(at, ROUNDING * (1.0 + reach), lobes, all(lobes.normal == vec3f(0.0)), reach <= FARTHEST);
+    let everywhere = all(lobes.normal == vec3f(0.0));
+    let along = lobes.axis - lobes.normal * dot(lobes.normal, lobes.axis);
+    let length = length(along);
+    let is_oblique = !everywhere && length > LEAST_ALONG;
+    let upward = select(lobes.normal, lobes.axis, everywhere);
+    let forward = select(perpendicular(upward), along / max(length, LEAST), is_oblique);
+    let sideways = cross(upward, forward);
+    return Eye(at, ROUNDING * (1.0 + reach), lobes, sideways, forward, everywhere, reach <= FARTHEST);
 }
 
 // Mean of the positive part of what is spread evenly between `h - e` and `h + e`, for `e` > 0.
 fn mean_above(h: f32, e: f32) -> f32 {
     let part = max(h + e, 0.0);
     return select(0.25 * part * part / e, h, h >= e);
+}
+
+// About the mean of the lobe over the directions to a box around v, the inverse of whose distance is given.
+fn lobe_of(eye: Eye, v: vec3f, half: vec3f, inverse: f32) -> f32 {
+    let axis = eye.lobes.axis;
+    let off = v * inverse - axis;
+    let sideways = dot(off, eye.sideways);
+    let sideways_squared = sideways * sideways;
+    var upright_squared = max(dot(off, off) - sideways_squared, 0.0);
+    var per_sum = 0.25;
+    if (!eye.everywhere) {
+        let forward = dot(off, eye.forward);
+        let height = max(dot(v, eye.lobes.normal) * inverse, 0.0) + dot(eye.lobes.normal, axis);
+        upright_squared = forward * forward;
+        per_sum = 1.0 / max(sideways_squared + upright_squared + height * height, LEAST_SUM);
+    }
+    // Squared widths, in half vectors.
+    let own = eye.lobes.width_squared;
+    let wide = dot(half, abs(eye.sideways)) * inverse;
+    let high = dot(half, abs(cross(eye.sideways, axis))) * inverse;
+    let across = min(own + wide * wide * per_sum, 1.0);
+    let up = min(own + 0.25 * high * high, 1.0);
+    let falling = sideways_squared * (1.0 - across) / across + upright_squared * (1.0 - up) / up;
+    let fall = 1.0 / (1.0 + per_sum * falling);
+    return eye.lobes.peak * own / sqrt(across * up) * fall * fall;
+}
+
+// A unit vector perpendicular to a unit vector.
+fn perpendicular(n: vec3f) -> vec3f {
+    let sign = select(-1.0, 1.0, n.z >= 0.0);
+    let a = -1.0 / (sign + n.z);
+    return vec3f(n.x * n.y * a, sign + n.y * n.y * a, -n.y);
 }
 
 // About what a node sends to the receiver, up to a factor of all; 0 only if it sends nothing.
@@ -85,23 +130,8 @@ fn node_weight(eye: Eye, node: NodeRecord) -> f32 {
     }
     var scattered = min(above, 1.0) * eye.lobes.diffuse;
     if (eye.lobes.peak > 0.0) {
-        // The lobe, spread over the directions to the box: as much lower as it is wider.
-        let off = v * inverse - eye.lobes.axis;
-        var half_sin_squared = 0.25 * dot(off, off);
-        var scale = 4.0;
-        var gate = 1.0;
-        if (!eye.everywhere) {
-            let aside = cross(eye.lobes.normal, off);
-            let aside_squared = dot(aside, aside);
-            let rise = max(dot(v, eye.lobes.normal) * inverse, 0.0) + dot(eye.lobes.normal, eye.lobes.axis);
-            scale = max(aside_squared + rise * rise, LEAST_SUM);
-            half_sin_squared = min(aside_squared / scale, 1.0);
-            gate = clamp((height + around) / (2.0 * around), 0.0, 1.0);
-        }
-        let own = eye.lobes.width_squared;
-        let width = min(own + node.radius_squared * inverse * inverse / scale, 1.0);
-        let fall = width / (width + (1.0 - width) * half_sin_squared);
-        scattered += eye.lobes.peak * (own / width) * fall * fall * gate;
+        let gate = select(clamp((height + around) / (2.0 * around), 0.0, 1.0), 1.0, eye.everywhere);
+        scattered += lobe_of(eye, v, node.half, inverse) * gate;
     }
     if (!(scattered > 0.0)) {
         return 0.0;

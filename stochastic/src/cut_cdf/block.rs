@@ -1,7 +1,8 @@
 //! One cut for a block of pixels, a distribution for each pixel, and what is learned from one sample to the next.
 //!
 //! The camera samples of one pixel see nearly the same place, so a distribution made for the first of them serves the others,
-//! too, and costs next to nothing when there are many. Where a sample sees something else, at a silhouette, it gets another.
+//! too, and costs next to nothing when there are many. Where a sample sees something else, at a silhouette or across the edge of another
+//! material, it gets another.
 //!
 //! # Why learning leaves no bias
 //! A pass is one camera sample of every pixel of the block. Passes are grouped into phases, which begin with pass 0, 1, 4, 16, 64 and so on;
@@ -11,7 +12,7 @@
 //! same sequence, for then a distribution would depend on numbers that are drawn from it.
 
 use glam::Vec3;
-use lighttree::{LightHierarchy, Receiver};
+use lighttree::{LightHierarchy, Receiver, ScatterLobes};
 
 use super::{CutScratch, KeptBlock, NodeCdf, ReceiverGroup, SharedCut, VisibilityStore};
 use crate::visibility::{Learning, Phases};
@@ -24,6 +25,12 @@ const SAME_NORMAL: f32 = 0.95;
 
 /// Places share a distribution that are this much nearer than the lights: squared distance over squared distance.
 const SAME_PLACE: f64 = 0.01;
+
+/// Surfaces share a distribution whose lobes' squared widths are within this factor, and their diffuse parts beside their lobes, too.
+const SAME_SCATTER: f32 = 1.5;
+
+/// Lobes share a distribution whose axes are nearer to each other than this: squared distance over squared width.
+const SAME_AXIS: f32 = 0.25;
 
 /// A cut and the distributions of a block of pixels: (16 bytes × pixels + 80) a node, for two distributions a pixel.
 #[derive(Debug, Default)]
@@ -45,6 +52,8 @@ pub struct BlockCdfs {
 struct Entry {
     position: Vec3,
     normal: Vec3,
+    /// Half of a pixel may be a wall, and the other half a pane before it that faces the same way.
+    lobes: Option<ScatterLobes>,
     /// Squared distances below which places are the same.
     same_squared: f64,
     /// Phase that it was made in, plus 1; 0: not made.
@@ -138,7 +147,7 @@ impl BlockCdfs {
     }
 
     /// The distribution of a receiver of the pixel with this number, below that given to [`begin`](Self::begin): one made before if the
-    /// receiver is about where that was, otherwise a new one.
+    /// receiver is about where that was and scatters alike, otherwise a new one.
     ///
     /// `normal` is the receiver's own, unit.
     ///
@@ -151,9 +160,12 @@ impl BlockCdfs {
         normal: Vec3,
     ) -> Prepared<'_> {
         let position = receiver.position();
+        let lobes = receiver.lobes();
         let ways = &self.entries[WAYS * pixel..WAYS * (pixel + 1)];
         let current = self.phases.phase() + 1;
-        let found = ways.iter().position(|entry| entry.phase == current && entry.serves(position, normal));
+        let found = ways
+            .iter()
+            .position(|entry| entry.phase == current && entry.serves(position, normal, lobes.as_ref()));
         let index = WAYS * pixel
             + found.unwrap_or_else(|| {
                 // In place of one that is out of date, or else of the second: the first is what most samples see.
@@ -162,11 +174,11 @@ impl BlockCdfs {
         if found.is_none() {
             self.built += 1;
             let entry = &mut self.entries[index];
-            let is_known = entry.phase != 0 && entry.serves(position, normal);
+            let is_known = entry.phase != 0 && entry.serves(position, normal, lobes.as_ref());
             if !is_known {
                 let estimate = self.cut.records.estimate(receiver, &mut entry.weights);
                 entry.same_squared = SAME_PLACE / estimate.inverse_squared;
-                (entry.position, entry.normal) = (position, normal);
+                (entry.position, entry.normal, entry.lobes) = (position, normal, lobes);
             }
             entry.phase = current;
             let learning = self.learning.as_mut();
@@ -201,8 +213,22 @@ impl BlockCdfs {
 }
 
 impl Entry {
-    fn serves(&self, position: Vec3, normal: Vec3) -> bool {
+    fn serves(&self, position: Vec3, normal: Vec3, lobes: Option<&ScatterLobes>) -> bool {
         self.normal.dot(normal) >= SAME_NORMAL
             && self.position.as_dvec3().distance_squared(position.as_dvec3()) <= self.same_squared
+            && scatter_alike(self.lobes.as_ref(), lobes)
     }
+}
+
+/// Whether two surfaces scatter alike, but for a factor of all.
+fn scatter_alike(a: Option<&ScatterLobes>, b: Option<&ScatterLobes>) -> bool {
+    let (Some(a), Some(b)) = (a, b) else { return a.is_none() == b.is_none() };
+    if a.peak == 0.0 || b.peak == 0.0 {
+        return a.peak == b.peak;
+    }
+    let within = |a: f32, b: f32| a <= SAME_SCATTER * b && b <= SAME_SCATTER * a;
+    let turned_squared = a.axis.distance_squared(b.axis);
+    within(a.width_squared, b.width_squared)
+        && within(a.diffuse * b.peak, b.diffuse * a.peak)
+        && turned_squared <= SAME_AXIS * a.width_squared.min(b.width_squared)
 }

@@ -6,7 +6,8 @@
 //! In the order of use: [`place`] chooses points for records, whose exact cuts (those of the crate `lightcut`, or any others) go into
 //! [`Records`]; a [`RecordGrid`] finds the records near a point, [`WeightParams`] weighs them, [`Selection`] takes the best three;
 //! [`MergedCuts`] interpolates their cuts and visibilities; [`sum_up`] adds up the light, with shadow rays as [`Visibility`] says.
-//! A point without a record is the host's, who falls back to an exact cut and counts it.
+//! A point without a record is the host's, who falls back to an exact cut and counts it. [`QuickBounds`] finds the few nodes of a cut whose error bound
+//! the host should ask for at the point itself.
 //!
 //! [`Reconstruction`] is the peer method that the paper compares with: Walter et al.'s reconstruction cuts.
 
@@ -16,6 +17,7 @@ mod grid;
 mod interpolate;
 mod metric;
 mod placement;
+mod quick_bounds;
 mod reconstruction;
 mod record;
 mod shade;
@@ -29,6 +31,7 @@ pub use grid::{ImageSite, RecordGrid};
 pub use interpolate::{Chosen, Hidden, InputCut, MergedCuts};
 pub use metric::{FirstNodes, Level, LevelMetric, Levels};
 pub use placement::{Placed, PlacementParams, PointImage, disagreeing, disagreement_radius, place};
+pub use quick_bounds::{QuickBounds, QuickReceiver};
 pub use reconstruction::{Impostor, Impostors, Reconstructed, Reconstruction, ReconstructionParams};
 pub use record::{Record, Records};
 pub use shade::{Lit, Visibility, Wanted, assume, sum_up};

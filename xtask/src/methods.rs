@@ -171,11 +171,11 @@ const VISIBILITY: Key = Key {
     trades: "where shadows come from: a ray for each cluster, rays where the records disagree, or the records alone; each several times faster than the one before, and blurrier",
 };
 
-const CUTINTERP_KEYS: [Key; 20] = cutinterp_keys(VISIBILITY);
-const CUTINTERP_VIS_KEYS: [Key; 20] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY });
+const CUTINTERP_KEYS: [Key; 21] = cutinterp_keys(VISIBILITY, "3");
+const CUTINTERP_VIS_KEYS: [Key; 21] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY }, "inf");
 
 /// The dials of both names of the method.
-const fn cutinterp_keys(visibility: Key) -> [Key; 20] {
+const fn cutinterp_keys(visibility: Key, guard: &'static str) -> [Key; 21] {
     [
         visibility,
         Key {
@@ -216,6 +216,12 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 20] {
             trades: "largest radius of a record in pixels: larger, fewer records on open walls, and blurrier shadows",
         },
         Key {
+            name: "max_angle",
+            default: "15",
+            range: Range::Number(0.1, 179.0),
+            trades: "degrees between the normals of a point and of a record beyond which it is of no use: larger, fewer records on small and curved things, whose light then is their neighbours'",
+        },
+        Key {
             name: "coverage",
             default: "1",
             range: Range::Number(0.0, 8.0),
@@ -235,9 +241,9 @@ const fn cutinterp_keys(visibility: Key) -> [Key; 20] {
         },
         Key {
             name: "guard",
-            default: "inf",
+            default: guard,
             range: Range::Number(0.0, f32::INFINITY),
-            trades: "thresholds by which a cluster's error may be bounded at the point itself before it is refined for it, as a lightcut would: 1 or 2 take away what interpolation adds to the error, for two to three times the time; visibility=interpolated never asks",
+            trades: "thresholds by which a cluster's error may be bounded at the point itself before it is refined for it, as a lightcut would: less of it, less of the error that interpolation adds, and more time; inf never asks",
         },
         Key {
             name: "rays_from",

@@ -491,9 +491,16 @@ fn cutinterp_params(settings: &Settings) -> Result<CutInterpParams, Failure> {
         "adaptive" => Visibility::Adaptive { share: number("ray_share"), trust: number("trust") },
         _ => Visibility::Interpolated,
     };
-    let weights = WeightParams { r_min: number("r_min"), r_max: number("r_max"), ..WeightParams::paper() };
+    let weights = WeightParams {
+        r_min: number("r_min"),
+        r_max: number("r_max"),
+        cos_max_angle: number("max_angle").to_radians().cos(),
+        ..WeightParams::paper()
+    };
     let placement = PlacementParams { weights, coverage: number("coverage"), ..PlacementParams::paper() };
-    placement.check().map_err(|why| Failure::usage(format!("--set r_min, r_max, coverage: {why}")))?;
+    placement
+        .check()
+        .map_err(|why| Failure::usage(format!("--set r_min, r_max, max_angle, coverage: {why}")))?;
     Ok(CutInterpParams {
         visibility,
         placement,

@@ -19,7 +19,7 @@ use cutinterp::{
     Visibility, Wanted,
 };
 use glam::{DVec3, Vec3};
-use lighttree::{GeometricBound, Hierarchy, LightHierarchy, NodeBound, NodeId};
+use lighttree::{GeometricBound, LightHierarchy, NodeBound, NodeId};
 use scene::{Camera, Counts, DirectLighting, Frame, Geometry, RenderParams, ShadingPoint, luminance};
 
 use super::lightcut::{LightcutMethod, LightcutScratch, REMEMBERED, transfer};
@@ -50,8 +50,7 @@ pub(crate) struct CutInterpParams {
     pub(crate) beyond: f32,
     /// What is done there instead.
     pub(crate) where_beyond: WhereBeyond,
-    /// Thresholds by which a node may be wrong at the point itself before it is refined down the tree; infinite: nobody asks. Without shadow
-    /// rays nobody asks either.
+    /// Thresholds by which a node may be wrong at the point itself before it is refined down the tree; infinite: nobody asks.
     pub(crate) guard: f32,
     /// Difference of neighbouring records' brightness that makes for a second round of records; infinite: none.
     pub(crate) spread: f32,
@@ -100,7 +99,7 @@ impl<'a> CutInterpMethod<'a> {
         let (view, grid, counts) =
             View::take(frame, camera, render, &lightcut, levels, &params, last, &stages);
         let mut watch = Watch::start();
-        let lights = NodeLights::of(frame, &lightcut, &view.canopy);
+        let lights = NodeLights::of(frame, &lightcut, &view.canopy, params.guard < f32::INFINITY);
         stages.add(Stage::Canopy, watch.lap_on_all_threads());
         Self { lightcut, params, view, grid, lights, width: render.width, counts, stages }
     }
@@ -205,6 +204,8 @@ pub(crate) struct CutInterpScratch {
     unoccluded: Vec<Vec3>,
     wanted: Vec<Wanted>,
     guard: GuardScratch,
+    /// Places among the chosen of lights that a point asks itself.
+    asking: Vec<u32>,
     asked: Asked,
 }
 
@@ -220,6 +221,7 @@ impl Default for CutInterpScratch {
             unoccluded: Vec::new(),
             wanted: Vec::new(),
             guard: GuardScratch::default(),
+            asking: Vec::new(),
             asked: Asked::default(),
         }
     }
@@ -247,11 +249,12 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             unoccluded,
             wanted,
             guard,
+            asking,
             asked,
         } = scratch;
         lightcut.blockers.resize(REMEMBERED, Q::NO_BLOCKER);
 
-        let guarded = self.params.guard < f32::INFINITY && self.params.visibility != Visibility::Interpolated;
+        let guarded = self.params.guard < f32::INFINITY;
 
         // Find each point's records, and put points with the same ones side by side.
         let mut watch = Watch::start();
@@ -288,7 +291,7 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
             self.stages.add(Stage::Interpolation, watch.lap());
 
             // Light the point by them, without shadows.
-            lights.unoccluded(frame, point, chosen, lit, unoccluded, counts);
+            lights.unoccluded(frame, point, chosen, lit, unoccluded, asking, counts);
             counts.light_evaluations += chosen.len() as u64;
             self.stages.add(Stage::Shading, watch.lap());
             if self.params.show != Show::Picture {
@@ -296,27 +299,28 @@ impl<Q: Geometry> DirectLighting<Q> for CutInterpMethod<'_> {
                 radiance[i] = self.params.show.paint(selection, pixels, chosen, unoccluded);
                 continue;
             }
-            let mut of_areas = DVec3::ZERO;
+
+            // Ask the lights themselves where neither one place on them nor the records say enough.
             if asks_lights_with_area(frame) {
-                for (at, id, intensity) in lights.chosen_with_area(chosen) {
-                    let node = self.view.canopy.in_tree(merged.node(chosen[at].entry));
-                    if guarded && !self.lightcut.tree.is_leaf(node) {
-                        continue;
-                    }
-                    let asked = transfer(frame, point, id, &mut lightcut.blockers, rays, counts);
-                    of_areas += (asked.arrived * intensity).as_dvec3();
-                    unoccluded[at] = Vec3::ZERO;
-                }
+                lights.chosen_with_area(chosen, asking);
+            }
+            guard.answered.clear();
+            for &at in asking.iter() {
+                let (id, intensity) = lights.light(chosen[at as usize].entry);
+                let asked = transfer(frame, point, id, &mut lightcut.blockers, rays, counts);
+                unoccluded[at as usize] = Vec3::ZERO;
+                guard.answered.push((at, asked.arrived * intensity));
+                radiance[i] += (asked.arrived * intensity).as_dvec3();
+            }
+            if !asking.is_empty() {
                 self.stages.add(Stage::Rays, watch.lap());
             }
-            radiance[i] += of_areas;
             if guarded {
                 radiance[i] += self.refine_what_breaks_the_bound(
                     frame,
                     point,
-                    (merged, chosen),
+                    (merged, lights, chosen),
                     unoccluded,
-                    luminance(of_areas.as_vec3()),
                     guard,
                     lightcut,
                     rays,

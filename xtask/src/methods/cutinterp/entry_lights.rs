@@ -2,9 +2,9 @@
 
 use core::f32::consts::FRAC_1_PI;
 
-use cutinterp::{Chosen, MergedCuts};
+use cutinterp::{Chosen, MergedCuts, QuickBounds};
 use glam::Vec3;
-use lighttree::{LightId, Segment};
+use lighttree::{LambertReceiver, LightId, PhongReceiver, Segment};
 use scene::bsdf::{Bsdf, Phong};
 use scene::{Counts, Frame, Geometry, ShadingPoint};
 
@@ -24,6 +24,8 @@ pub(super) struct EntryLights {
     kinds: Vec<Kind>,
     /// Entries whose lights have an area, ascending.
     with_area: Vec<u32>,
+    /// Bounds of what entries may send, as luminance; empty if nobody asks. 48 bytes each.
+    bounds: QuickBounds,
     plain_scale: bool,
 }
 
@@ -37,7 +39,11 @@ impl EntryLights {
         self.ids.clear();
         self.kinds.clear();
         self.with_area.clear();
+        self.bounds.clear();
         for (at, node) in merged.nodes().enumerate() {
+            if let Some(bounds) = lights.bounds(node) {
+                self.bounds.push(bounds);
+            }
             let node = lights.at(node);
             self.lanes[at / LANES].set(at % LANES, node);
             self.intensity.push(node.intensity);
@@ -50,7 +56,9 @@ impl EntryLights {
     }
 
     /// RGB light that each of the `chosen` entries gives to `point` without shadow; replaces what is in `out`. What clamps take
-    /// away is counted as far as it is seen by interpolated visibility, whatever the mode.
+    /// away is counted as far as it is seen by interpolated visibility, whatever the mode. Places among the chosen of lights that are too near for
+    /// one place on them go into `near`.
+    #[expect(clippy::too_many_arguments, reason = "a point, its cut, and the memory of one thread")]
     pub(super) fn unoccluded<Q: Geometry>(
         &self,
         frame: &Frame<'_, Q>,
@@ -58,15 +66,17 @@ impl EntryLights {
         chosen: &[Chosen],
         lit: &mut Vec<Lit>,
         out: &mut Vec<Vec3>,
+        near: &mut Vec<u32>,
         counts: &mut Counts,
     ) {
         out.clear();
+        near.clear();
         match &point.bsdf {
             Bsdf::Lambert { albedo } if self.plain_scale => {
                 lit.clear();
                 lit.extend(self.lanes.iter().map(|lanes| lanes.light::<false>(point)));
                 let scatter = *albedo * FRAC_1_PI;
-                self.gather(frame, point, chosen, (lit, |_| scatter), out, counts);
+                self.gather(frame, point, chosen, (lit, |_| scatter), out, near, counts);
             }
             Bsdf::Phong(phong) if self.plain_scale => {
                 let power = Power::of(phong);
@@ -77,13 +87,17 @@ impl EntryLights {
                     lit
                 }));
                 let (diffuse, lobe) = (phong.diffuse * FRAC_1_PI, phong.specular * power.scale);
-                self.gather(frame, point, chosen, (lit, |power| diffuse + lobe * power), out, counts);
+                self.gather(frame, point, chosen, (lit, |power| diffuse + lobe * power), out, near, counts);
             }
-            _ => out.extend(chosen.iter().map(|chosen| self.one(frame, point, chosen, counts))),
+            _ => {
+                let one = |(at, chosen)| self.one(frame, point, (at, chosen), near, counts);
+                out.extend((0..).zip(chosen).map(one));
+            }
         }
     }
 
     /// Picks the `chosen` ones out of all entries' light; `scatter` is the surface's, given the lobe.
+    #[expect(clippy::too_many_arguments, reason = "a point, its cut, and the memory of one thread")]
     fn gather<Q: Geometry>(
         &self,
         frame: &Frame<'_, Q>,
@@ -91,13 +105,14 @@ impl EntryLights {
         chosen: &[Chosen],
         (lit, scatter): (&[Lit], impl Fn(f32) -> Vec3),
         out: &mut Vec<Vec3>,
+        near: &mut Vec<u32>,
         counts: &mut Counts,
     ) {
         let clamp = frame.vpl_clamp;
-        out.extend(chosen.iter().map(|chosen| {
+        out.extend((0..).zip(chosen).map(|(index, chosen)| {
             let at = chosen.entry as usize;
             if self.kinds[at] != Kind::Virtual {
-                return self.one(frame, point, chosen, counts);
+                return self.one(frame, point, (index, chosen), near, counts);
             }
             let (block, lane) = (&lit[at / LANES], at % LANES);
             let unclamped = self.intensity[at] * scatter(block.lobes[lane]);
@@ -110,27 +125,57 @@ impl EntryLights {
         }));
     }
 
-    /// RGB light that an entry gives to `point` without shadow, for any light and any surface.
+    /// RGB light that the chosen entry at `index` gives to `point` without shadow, for any light and any surface.
     fn one<Q: Geometry>(
         &self,
         frame: &Frame<'_, Q>,
         point: &ShadingPoint,
-        chosen: &Chosen,
+        (index, chosen): (u32, &Chosen),
+        near: &mut Vec<u32>,
         counts: &mut Counts,
     ) -> Vec3 {
         let at = chosen.entry as usize;
-        super::lights::one(frame, point, (self.ids[at], self.intensity[at]), chosen.visibility, counts)
+        let light = (self.ids[at], self.intensity[at]);
+        let (light, is_near) = super::lights::one(frame, point, light, chosen.visibility, counts);
+        if is_near {
+            near.push(index);
+        }
+        light
     }
 
-    /// Those of the `chosen` whose lights have an area: their places among them, the light, and the RGB intensity of the cluster.
-    pub(super) fn chosen_with_area(&self, chosen: &[Chosen]) -> impl Iterator<Item = (usize, LightId, Vec3)> {
+    /// The light that speaks for an entry, and the RGB intensity of the cluster.
+    pub(super) fn light(&self, entry: u32) -> (LightId, Vec3) {
+        (self.ids[entry as usize], self.intensity[entry as usize])
+    }
+
+    /// Places among the `chosen` of those whose lights have an area.
+    pub(super) fn chosen_with_area(&self, chosen: &[Chosen], places: &mut Vec<u32>) {
+        places.clear();
         // Both ascend.
         let mut from = 0;
-        self.with_area.iter().filter_map(move |&entry| {
+        places.extend(self.with_area.iter().filter_map(|&entry| {
             from += chosen[from..].partition_point(|chosen| chosen.entry < entry);
-            let is_chosen = chosen.get(from).is_some_and(|chosen| chosen.entry == entry);
-            is_chosen.then(|| (from, self.ids[entry as usize], self.intensity[entry as usize]))
-        })
+            chosen.get(from).is_some_and(|chosen| chosen.entry == entry).then_some(from as u32)
+        }));
+    }
+
+    /// Whether an entry's bound may be above `limit` at `point`, as luminance, as bits of bytes; no byte where nobody can say quickly.
+    pub(super) fn above(&self, point: &ShadingPoint, limit: f64, above: &mut Vec<u8>) {
+        let ShadingPoint { position, normal, wo: view, .. } = *point;
+        // Downwards.
+        let limit = (limit as f32).next_down();
+        match &point.bsdf {
+            Bsdf::Lambert { albedo } if self.plain_scale => {
+                let albedo = albedo.max_element();
+                self.bounds.above(&(&LambertReceiver { position, normal, albedo }).into(), limit, above);
+            }
+            &Bsdf::Phong(Phong { diffuse, specular, exponent }) if self.plain_scale => {
+                let (diffuse, specular) = (diffuse.max_element(), specular.max_element());
+                let receiver = PhongReceiver { position, normal, view, diffuse, specular, exponent };
+                self.bounds.above(&(&receiver).into(), limit, above);
+            }
+            _ => above.clear(),
+        }
     }
 
     /// The light that speaks for an entry and its place, if it is the same for all points.
@@ -256,13 +301,13 @@ impl<'a> Power<'a> {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use lighttree::LightId;
     use lighttree::rng::Random;
+    use lighttree::{GeometricBound, LightBounds, LightId, NodeBound};
     use scene::bsdf::{Bsdf, Phong};
     use scene::{Counts, Frame, Light, SceneRays, ShadingPoint, builtin};
 
     use super::super::lights::one;
-    use super::{Chosen, EntryLights, Kind, LANES, Lanes, NodeLight};
+    use super::{Chosen, EntryLights, Kind, LANES, Lanes, NodeLight, QuickBounds};
 
     /// Several lights at once are what each of them is by itself: below horizons, clamped, at the point itself, in and out of the lobe,
     /// whose exponent may be a whole number or none.
@@ -314,13 +359,14 @@ mod tests {
                 ids: vec![LightId(0); 11],
                 kinds: vec![Kind::Virtual; 11],
                 with_area: vec![],
+                bounds: QuickBounds::default(),
                 plain_scale: true,
             };
             entries.lanes[at / LANES].set(at % LANES, &node);
             let chosen: Vec<Chosen> = (0..11).map(|entry| Chosen { entry, visibility: 1.0 }).collect();
             let (mut out, mut counts, mut alone) = (vec![], Counts::default(), Counts::default());
-            entries.unoccluded(&frame, &point, &chosen, &mut vec![], &mut out, &mut counts);
-            let expected = one(&frame, &point, (LightId(0), intensity), 1.0, &mut alone);
+            entries.unoccluded(&frame, &point, &chosen, &mut vec![], &mut out, &mut vec![], &mut counts);
+            let (expected, _) = one(&frame, &point, (LightId(0), intensity), 1.0, &mut alone);
             let error = (out[at] - expected).abs().max_element();
             assert!(error <= 1e-4 * expected.max_element() + 1e-6, "{i}: {} is not {expected}", out[at]);
             let off = (counts.clamped_luminance - alone.clamped_luminance).abs();
@@ -336,6 +382,59 @@ mod tests {
         assert!(lit > 1000 && clamped > 50 && glossy > 100, "{lit} lit, {clamped} clamped, {glossy} glossy");
     }
 
+    /// No entry that may break the bound goes unnoticed, and most others do.
+    #[test]
+    fn what_is_not_above_is_below_its_bound() {
+        let mut random = Random::new(4, 0, 0);
+        let (mut above, mut missed, mut noticed) = (vec![], 0, 0);
+        for i in 0..500u32 {
+            let mut any = || Vec3::new(random.f32(), random.f32(), random.f32()) * 2.0 - 1.0;
+            let nodes: Vec<LightBounds> = (0..21)
+                .map(|_| {
+                    let (at, size) = (3.0 * any(), 0.1 * any().abs());
+                    LightBounds::surface(
+                        at - size,
+                        at + size,
+                        any().normalize_or(Vec3::Y),
+                        false,
+                        any().x.abs(),
+                    )
+                })
+                .collect();
+            let (normal, wo, albedo) = (any().normalize_or(Vec3::Y), any(), Vec3::new(0.2, 0.8, 0.5));
+            let wo = if wo.dot(normal) < 0.0 { -wo } else { wo }.normalize_or(normal);
+            let glossy = Bsdf::Phong(Phong::over(albedo, 150.0));
+            let point = ShadingPoint {
+                position: 0.1 * any(),
+                geometric_normal: normal,
+                normal,
+                wo,
+                bsdf: if i % 2 == 0 { Bsdf::Lambert { albedo } } else { glossy },
+                throughput: Vec3::ONE,
+                pixel: 0,
+                sample: 0,
+                offset: 0.0,
+            };
+            let mut entries = EntryLights { plain_scale: true, ..EntryLights::default() };
+            nodes.iter().for_each(|node| entries.bounds.push(node));
+            let exact: Vec<f64> = nodes.iter().map(|node| GeometricBound.bound(node, &point).upper).collect();
+            let mut in_order = exact.clone();
+            in_order.sort_by(f64::total_cmp);
+            let limit = in_order[15];
+            entries.above(&point, limit, &mut above);
+            for (j, exact) in exact.iter().enumerate() {
+                let suspected = above[j / 8] >> (j % 8) & 1 != 0;
+                assert!(suspected || *exact <= limit, "{i}: {exact} is above {limit}");
+                noticed += u32::from(!suspected);
+                missed += u32::from(suspected && *exact < limit);
+            }
+            entries.plain_scale = false;
+            entries.above(&point, limit, &mut above);
+            assert!(above.is_empty(), "nobody can say");
+        }
+        assert!(noticed > 4 * missed, "{missed} asked for nothing, {noticed} not asked");
+    }
+
     #[test]
     fn lights_with_an_area_are_found_among_the_chosen() {
         let entries = EntryLights {
@@ -345,8 +444,11 @@ mod tests {
             ..EntryLights::default()
         };
         let chosen = [0, 1, 4, 5, 7].map(|entry| Chosen { entry, visibility: 1.0 });
-        let found: Vec<_> = entries.chosen_with_area(&chosen).collect();
-        assert_eq!(found, [(0, LightId(10), Vec3::ZERO), (2, LightId(14), Vec3::splat(4.0))]);
-        assert_eq!(entries.chosen_with_area(&[]).count(), 0);
+        let mut found = vec![7];
+        entries.chosen_with_area(&chosen, &mut found);
+        assert_eq!(found, [0, 2]);
+        assert_eq!(entries.light(4), (LightId(14), Vec3::splat(4.0)));
+        entries.chosen_with_area(&[], &mut found);
+        assert!(found.is_empty());
     }
 }

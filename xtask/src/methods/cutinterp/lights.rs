@@ -2,16 +2,18 @@
 
 use cutinterp::Canopy;
 use glam::Vec3;
-use lighttree::{LightId, NodeId};
+use lighttree::{Hierarchy, LightBounds, LightHierarchy, LightId, NodeId};
 use rayon::prelude::*;
 use scene::{Counts, Frame, Geometry, Light, LightPoint, ShadingPoint, luminance};
 
 use super::super::lightcut::{LightcutMethod, relative};
 
-/// By node of the canopy; 44 bytes each.
+/// By node of the canopy; 44 bytes each, and 52 more where nodes are bounded.
 #[derive(Debug, Default)]
 pub(crate) struct NodeLights {
     nodes: Vec<NodeLight>,
+    /// Of what a node may send, as luminance, W·sr⁻¹; 0 for a leaf, which cannot be wrong. Empty if nobody asks.
+    bounds: Vec<LightBounds>,
     plain_scale: bool,
 }
 
@@ -35,11 +37,12 @@ pub(super) enum Kind {
 }
 
 impl NodeLights {
-    /// Looks up the representatives of all nodes of `canopy`.
+    /// Looks up the representatives of all nodes of `canopy`, and their bounds if these will be asked for.
     pub(crate) fn of<Q: Geometry>(
         frame: &Frame<'_, Q>,
         method: &LightcutMethod<'_>,
         canopy: &Canopy,
+        bounded: bool,
     ) -> Self {
         let one = |&node: &NodeId| {
             let light = method.representatives.light(method.tree, node);
@@ -52,7 +55,19 @@ impl NodeLights {
             NodeLight { position, light, normal, kind, intensity }
         };
         let nodes: Vec<NodeLight> = canopy.all_in_tree().par_iter().map(one).collect();
-        Self { nodes, plain_scale: (1e-6..1e8).contains(&frame.radius) }
+        let bounds = |(&node, light): (&NodeId, &NodeLight)| {
+            let sent = if method.tree.is_leaf(node) { 0.0 } else { luminance(light.intensity) };
+            LightBounds { intensity: sent, ..method.tree.bounds(node) }
+        };
+        let of_all = || canopy.all_in_tree().par_iter().zip(&nodes).map(bounds).collect();
+        let bounds = if bounded { of_all() } else { Vec::new() };
+        Self { nodes, bounds, plain_scale: (1e-6..1e8).contains(&frame.radius) }
+    }
+
+    /// Bounds of a node of the canopy, of luminance; `None` if nobody was to ask.
+    #[inline]
+    pub(super) fn bounds(&self, node: NodeId) -> Option<&LightBounds> {
+        self.bounds.get(node.0 as usize)
     }
 
     /// The light that speaks for a node of the canopy.
@@ -68,26 +83,27 @@ impl NodeLights {
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<NodeLight>()
+        self.nodes.capacity() * size_of::<NodeLight>() + self.bounds.capacity() * size_of::<LightBounds>()
     }
 }
 
-/// RGB light that a light of this cluster's RGB intensity gives to `point` without shadow, for any light and any surface.
+/// RGB light that a light of this cluster's RGB intensity gives to `point` without shadow, for any light and any surface; and whether
+/// one place on it is too few, as for a triangle near by.
 pub(super) fn one<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
     (light, intensity): (LightId, Vec3),
     visibility: f32,
     counts: &mut Counts,
-) -> Vec3 {
-    let (mut at, colour) = placed(frame, point, light);
+) -> (Vec3, bool) {
+    let (mut at, colour, places) = placed(frame, point, light);
     at.intensity = colour;
     let (value, lost) = point.clamped_contribution(&at, frame.vpl_clamp);
     if lost != Vec3::ZERO {
         counts.clamped += 1;
         count_lost(point, lost * intensity, visibility, counts);
     }
-    value * intensity
+    (value * intensity, places > 1)
 }
 
 /// Notes light that a clamp took away, as far as it would have been seen.
@@ -95,17 +111,18 @@ pub(super) fn count_lost(point: &ShadingPoint, lost: Vec3, visibility: f32, coun
     counts.clamped_luminance += f64::from(visibility * luminance(lost * point.throughput));
 }
 
-/// A point on a light that need not be virtual, and how that compares with the light's mean, per channel.
+/// A point on a light that need not be virtual, how that compares with the light's mean, per channel, and how many points would do the light justice.
 pub(super) fn placed<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
     id: LightId,
-) -> (LightPoint, Vec3) {
+) -> (LightPoint, Vec3, u32) {
     let light = &frame.lights[id.0 as usize];
     let place = point.place_on_light(frame.light_seed, id, 0, 1);
-    let at = light.point(frame.scene, place, point.position);
+    let view = light.toward(point.position);
+    let at = view.point(frame.scene, place);
     let colour = relative(at.intensity, light);
-    (at, colour)
+    (at, colour, view.points())
 }
 
 /// What lights a surface at `point` from one direction in place of the cluster whose representative is `light`, shadow aside.
@@ -115,7 +132,7 @@ pub(crate) fn impostor<Q: Geometry>(
     light: LightId,
     intensity: Vec3,
 ) -> cutinterp::Impostor {
-    let (mut at, colour) = placed(frame, point, light);
+    let (mut at, colour, _) = placed(frame, point, light);
     at.intensity = colour;
     let Some((direction, squared)) = at.from(point.position) else { return cutinterp::Impostor::default() };
     let toward = at.intensity_toward(-direction);

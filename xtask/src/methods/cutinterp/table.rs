@@ -4,6 +4,12 @@
 //!
 //! `LIGHTTREE_MODES=interpolated,adaptive` leaves the other modes out, and the small pictures with them.
 //!
+//! `LIGHTTREE_NODES=48,64` adds lightcuts of at most so many nodes, to compare with at equal time.
+//!
+//! `LIGHTTREE_MAPS=FOLDER` keeps the small pictures, where each mode is off (white: half of a pixel's light), and what the method does.
+//!
+//! `LIGHTTREE_WORST=5` names the five pixels that are farthest off in each mode.
+//!
 //! References are pictures by `brute` with the same seed, size and pixels, `SCENE-diffuse.exr` or `SCENE-phong.exr` in the folder
 //! `LIGHTTREE_REFERENCES`; without them there is no error column.
 
@@ -30,12 +36,17 @@ const TIMED: usize = 4096;
 const SEEN: u32 = 128;
 
 /// What is measured: a method, its dials, and a name.
-const MODES: [(&str, &[&str], &str); 4] = [
+const MODES: [(&str, &[&str], &str); 6] = [
+    ("cutinterp", &["guard=inf"], "full-unguarded"),
     ("cutinterp", &[], "full"),
-    ("cutinterp", &["guard=2"], "full, guarded"),
+    ("cutinterp", &["visibility=adaptive", "guard=inf"], "adaptive-unguarded"),
     ("cutinterp", &["visibility=adaptive"], "adaptive"),
+    ("cutinterp-vis", &["guard=inf"], "interpolated-unguarded"),
     ("cutinterp-vis", &[], "interpolated"),
 ];
+
+/// What is left out unless `LIGHTTREE_MODES` names it.
+const UNGUARDED: &str = "-unguarded";
 
 /// Rows of the curve, each some dials.
 const DIALS: &str = "visibility=adaptive trust=0.002 ray_share=0.0001;visibility=adaptive trust=0.001 ray_share=0.0001;\
@@ -108,6 +119,7 @@ impl Table {
     fn error(&self, film: &Film, mask: &[bool]) -> String {
         let Some(reference) = &self.reference else { return "no reference".to_owned() };
         let errors = compare(film, reference, Some(mask)).unwrap();
+        self.name_worst(film, reference, mask);
         format!(
             "{:.3e} | {:.2} % | {:.2} %",
             errors.mse.sqrt(),
@@ -115,6 +127,42 @@ impl Table {
             100.0 * errors.mape
         )
     }
+}
+
+impl Table {
+    /// The pixels that hold most of the squared error.
+    fn name_worst(&self, film: &Film, reference: &Film, mask: &[bool]) {
+        let count =
+            std::env::var("LIGHTTREE_WORST").map_or(0, |count| count.parse().expect("a number of pixels"));
+        let off = |i: usize| (film.pixels[i] - reference.pixels[i]).element_sum() / 3.0;
+        let mut worst: Vec<usize> = (0..mask.len()).filter(|&i| mask[i]).collect();
+        worst.sort_by(|&a, &b| off(b).abs().total_cmp(&off(a).abs()));
+        for &i in &worst[..count.min(worst.len())] {
+            let (x, y, truth) =
+                (i % SIZE as usize, i / SIZE as usize, reference.pixels[i].element_sum() / 3.0);
+            eprintln!("    pixel {x}, {y}: {truth:.4} is off by {:.4}", off(i));
+        }
+    }
+}
+
+impl Table {
+    /// Writes a picture, if there is a folder for it.
+    fn keep(&self, name: &str, film: &Film, stops: f32) {
+        let Ok(folder) = std::env::var("LIGHTTREE_MAPS") else { return };
+        let file = Path::new(&folder).join(format!("{}-{name}.png", self.name.replace(':', "-")));
+        scene::write_png(film, &file, stops).unwrap();
+    }
+}
+
+/// Difference of brightness as a share of it, what is darker than a twentieth of the mean taken as that.
+fn off_by(film: &Film, truth: &Film) -> Film {
+    let bright = |film: &Film, i: usize| scene::luminance(film.pixels[i]);
+    let count = film.pixels.len();
+    let mean = (0..count).map(|i| bright(truth, i)).sum::<f32>() / count as f32;
+    let off = |i: usize| (bright(film, i) - bright(truth, i)).abs() / bright(truth, i).max(0.05 * mean);
+    let mut out = Film::new(film.width, film.height);
+    out.pixels = (0..count).map(|i| glam::Vec3::splat(off(i))).collect();
+    out
 }
 
 fn settings(method: &str, material: &str, dials: &[&str]) -> Settings {
@@ -166,9 +214,21 @@ fn table_of_modes() {
         let each = seconds / timed.counts.samples as f64;
         eprintln!("{}", row("lightcut", &timed, each * timed.counts.samples as f64, each));
         eprintln!("error lightcut | {}", table.error(&judged.film, &mask));
+        for nodes in std::env::var("LIGHTTREE_NODES").iter().flat_map(|nodes| nodes.split(',')) {
+            let few = table.plan("lightcut", &[&format!("max_nodes={nodes}")]);
+            let (judged, _) = table.take(&prepared, &few, SIZE, Some(JUDGED), &mut none);
+            let (timed, seconds) = table.take(&prepared, &few, SIZE, Some(TIMED), &mut none);
+            let name = format!("lightcut of {nodes}");
+            eprintln!("{}", row(&name, &timed, seconds, each));
+            eprintln!("error {name} | {}", table.error(&judged.film, &mask));
+        }
         let only = std::env::var("LIGHTTREE_MODES");
         for (method, dials, name) in MODES {
-            if only.as_ref().is_ok_and(|only| !only.split(',').any(|wanted| wanted == name)) {
+            let wanted = match &only {
+                Ok(only) => only.split(',').any(|wanted| wanted == name),
+                Err(_) => !name.ends_with(UNGUARDED),
+            };
+            if !wanted {
                 continue;
             }
             let plan = table.plan(method, dials);
@@ -180,15 +240,33 @@ fn table_of_modes() {
             continue;
         }
 
-        // Small pictures, for the eye. Blocks of `recon` that are divided down to single pixels take as long as a lightcut.
+        // The error of `recon` on the same pixels; whose time is taken from small pictures, because blocks that are divided down to single
+        // pixels take as long as a lightcut.
+        let recon = table.plan("recon", &[]);
+        let (judged, _) = table.take(&prepared, &recon, SIZE, Some(JUDGED), &mut none);
+        eprintln!("error recon | {}", table.error(&judged.film, &mask));
+
+        // Small pictures, for the eye.
         let (seen, seconds) = table.take(&prepared, &lightcut, SEEN, None, &mut none);
         eprintln!("{}", row("lightcut, small", &seen, seconds, each));
+        let stops = scene::auto_exposure(&seen.film);
+        table.keep("lightcut", &seen.film, stops);
         let each = seconds / seen.counts.samples as f64;
-        for (method, dials, name) in MODES.into_iter().chain([("recon", &[][..], "recon")]) {
-            let (small, seconds) = table.take(&prepared, &table.plan(method, dials), SEEN, None, &mut none);
+        let modes = MODES.into_iter().filter(|(.., name)| !name.ends_with(UNGUARDED));
+        for (method, dials, name) in modes.chain([("recon", &[][..], "recon")]) {
+            let plan = table.plan(method, dials);
+            let (small, seconds) = table.take(&prepared, &plan, SEEN, None, &mut Left::default());
             let flip = compare(&small.film, &seen.film, None).unwrap().flip.unwrap_or(f64::NAN);
             eprintln!("FLIP {flip:.4} {}", row(&format!("{name}, small"), &small, seconds, each));
-            none = Left::default();
+            table.keep(name, &small.film, stops);
+            table.keep(&format!("{name}-off"), &off_by(&small.film, &seen.film), 1.0);
+        }
+        if std::env::var("LIGHTTREE_MAPS").is_ok() {
+            for shown in ["records", "weights", "cut-size", "visibility"] {
+                let plan = table.plan("cutinterp-vis", &[&format!("show={shown}")]);
+                let (small, _) = table.take(&prepared, &plan, SEEN, None, &mut Left::default());
+                table.keep(shown, &small.film, 0.0);
+            }
         }
     }
 }
@@ -214,28 +292,14 @@ fn curve_of_adaptive_visibility() {
             let (taken, _) = table.take(&prepared, &plan, SIZE, Some(JUDGED), &mut left);
             let rays = taken.counts.shadow_rays as f64 / taken.counts.samples as f64;
             eprintln!("{dials:?}: {rays:.0} rays | {}", table.error(&taken.film, &mask));
-            taken
         };
         take(&["visibility=interpolated"]);
-        let full = take(&["visibility=full"]);
+        take(&["visibility=full"]);
         // Dials that move records must not find those of the last row.
         let dials = std::env::var("LIGHTTREE_DIALS").unwrap_or_else(|_| DIALS.to_owned());
         for dials in dials.split(';') {
             take(&dials.split(' ').collect::<Vec<_>>());
         }
-        let adaptive = take(&["visibility=adaptive"]);
-        let Some(reference) = &table.reference else { continue };
-        let off = |film: &Film, i: usize| (film.pixels[i] - reference.pixels[i]).element_sum() / 3.0;
-        let mut worst: Vec<usize> = (0..mask.len()).filter(|&i| mask[i]).collect();
-        worst.sort_by(|&a, &b| off(&adaptive.film, b).abs().total_cmp(&off(&adaptive.film, a).abs()));
-        for &i in &worst[..12] {
-            let all = [&judged.film, &full.film, &adaptive.film].map(|film| off(film, i));
-            eprintln!(
-                "pixel {}, {}: {:.4} is off by {all:.4?} (lightcut, full, adaptive)",
-                i % SIZE as usize,
-                i / SIZE as usize,
-                reference.pixels[i].element_sum() / 3.0
-            );
-        }
+        take(&["visibility=adaptive"]);
     }
 }

@@ -31,6 +31,11 @@ impl Estimate {
         luminance(self.radiance)
     }
 
+    /// The light that speaks for the node.
+    pub fn light(&self) -> LightId {
+        self.light
+    }
+
     /// The share of the node's light that arrives, in [0, 1]: 0 or 1 for one shadow ray; 0 where there is no light.
     pub fn seen(&self) -> f32 {
         if self.unoccluded > 0.0 {

@@ -2,7 +2,7 @@
 
 use cutinterp::{Canopy, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records, Site};
 use lightcut::Estimate;
-use lighttree::NodeId;
+use lighttree::{LightId, NodeId};
 use lighttree::rng::Random;
 use rayon::prelude::*;
 use scene::{BruteForce, Camera, Counts, Frame, Geometry, Purpose, RenderParams, ShadingPoint};
@@ -186,14 +186,18 @@ fn exact_cuts<'p, Q: Geometry>(
     placed: &[Placed],
     point_of: impl Fn(&Placed) -> &'p ShadingPoint + Sync,
 ) -> Vec<ExactCut> {
+    // Lights with an area come before the virtual ones: no look at each of a million.
+    let last_area = frame.lights.iter().rposition(|light| !light.is_point());
     let asks = asks_lights_with_area(frame);
-    let is_asked =
-        |node| asks && !frame.lights[method.representatives.light(method.tree, node).0 as usize].is_point();
+    let is_asked = |id: LightId| {
+        let at = id.0 as usize;
+        asks && last_area.is_some_and(|last| at <= last) && !frame.lights[at].is_point()
+    };
     let one = |scratch: &mut CutScratch<Q>, placed: &Placed| {
         let point = point_of(placed);
         let (cut, counts) = scratch.exact_cut(frame, method, point);
         let nodes =
-            cut.iter().map(|(node, estimate)| (node, estimate.seen() >= 0.5 || is_asked(node))).collect();
+            cut.iter().map(|(node, by)| (node, by.seen() >= 0.5 || is_asked(by.light()))).collect();
         let lit: f64 = cut.values().iter().map(Estimate::luminance).sum();
         let brightness = lit as f32 * method.representatives.scale() / albedo(point);
         ExactCut { nodes, brightness, counts }

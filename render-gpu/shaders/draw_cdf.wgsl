@@ -1,8 +1,8 @@
 // Twin of stochastic/src/cut_cdf.rs: `SharedCut::select`, `NodeCdf` and `CutCdf`.
 //
 // `select_group_cuts`: one workgroup a block of pixels finds what its receivers have in common and refines the cut node by node, all threads looking for the
-// worst. `draw_cdf`: one workgroup a block, one thread a pixel; nodes are staged in workgroup memory, and each pixel passes over them twice: for the sum of their weights,
-// and for cumulative probabilities, of which it keeps every eighth. A draw finds its eighth and passes over that again.
+// worst. `draw_cdf`: one workgroup a block, one thread a pixel; nodes, but for the last of a long cut, are staged in workgroup memory, and each pixel passes over
+// them twice: for the sum of their weights, and for cumulative probabilities, of which it keeps every eighth. A draw finds its eighth and passes over that again.
 
 // For each block the length of its cut and its nodes.
 @group(0) @binding(5) var<storage, read_write> cuts: array<u32>;
@@ -12,8 +12,9 @@
 @group(0) @binding(7) var<storage, read_write> tags: array<NodeTag>;
 
 const THREADS: u32 = 64u;
-// Most nodes of a cut, and of what one thread keeps every how many.
-const MOST: u32 = 256u;
+// Most nodes of a cut, those of them whose records are staged in workgroup memory, of which there are 16 KiB, and of what one thread keeps every how many.
+const MOST: u32 = 512u;
+const STAGED: u32 = 384u;
 const STRIDE: u32 = 8u;
 
 // Pixels of a block, row by row within it.
@@ -222,10 +223,26 @@ fn first_slot(id: u32) -> u32 {
     return (id - (1u << depth)) << (header.depth - depth);
 }
 
-var<workgroup> records: array<NodeRecord, MOST>;
+var<workgroup> records: array<NodeRecord, STAGED>;
 // What was learned of each node: what its weight is multiplied by, about 1; 1 where nothing is.
 var<workgroup> factors: array<f32, MOST>;
 var<workgroup> sums: array<vec2f, THREADS>;
+
+fn node_of(number: u32, i: u32) -> u32 {
+    return cuts[number * (params.nodes + 1u) + 1u + i];
+}
+
+fn record_of(space: Space, number: u32, i: u32) -> NodeRecord {
+    return node_record(space, nodes[index_of(node_of(number, i))], nodes[0].intensity);
+}
+
+// Node `i` of the block's cut. All threads ask for the same ones together, but for the few that a draw ends at.
+fn record_at(space: Space, number: u32, i: u32) -> NodeRecord {
+    if (i < STAGED) {
+        return records[i];
+    }
+    return record_of(space, number, i);
+}
 
 // What is lent to a node by its neighbours in the cut, and to those by all nodes: in samples.
 const NEIGHBOURS: u32 = 8u;
@@ -308,10 +325,8 @@ fn draw_cdf(
         cut_count = cuts[number * (params.nodes + 1u)];
     }
     let count = workgroupUniformLoad(&cut_count);
-    for (var i = thread; i < count; i += THREADS) {
-        let id = cuts[number * (params.nodes + 1u) + 1u + i];
-        ids[i] = id;
-        records[i] = node_record(space, nodes[index_of(id)], nodes[0].intensity);
+    for (var i = thread; i < min(count, STAGED); i += THREADS) {
+        records[i] = record_of(space, number, i);
     }
     for (var i = thread; i < count; i += THREADS) {
         factors[i] = 1.0;
@@ -334,7 +349,7 @@ fn draw_pixel(pixel: u32, number: u32, count: u32, space: Space, is_learned: boo
     let receiver = receivers[pixel];
     let position = receiver_position(receiver);
     let first = pixel * params.lights;
-    var coarse: array<u32, 33>;
+    var coarse: array<u32, MOST / STRIDE>;
     var scale = Scale(0.0, 0.0, 0u, 0.0, 1.0, is_learned);
     var last = NONE;
     let eye = eye_of(place(space, position), receiver_lobes(receiver));
@@ -345,7 +360,7 @@ fn draw_pixel(pixel: u32, number: u32, count: u32, space: Space, is_learned: boo
         var rest = vec2f(0.0);
         var positive = 0u;
         for (var i = 0u; i < count; i++) {
-            let weight = node_weight(eye, records[i]);
+            let weight = node_weight(eye, record_at(space, number, i));
             let both = vec2f(weight, weight * factors[i]);
             positive += u32(weight > 0.0);
             if (i >= count / 8u * 8u) {
@@ -376,7 +391,7 @@ fn draw_pixel(pixel: u32, number: u32, count: u32, space: Space, is_learned: boo
                 if (i % STRIDE == 0u) {
                     coarse[i / STRIDE] = sum;
                 }
-                let width = width_of(scale, mixed(scale, node_weight(eye, records[i]), factors[i]));
+                let width = width_of(scale, mixed(scale, node_weight(eye, record_at(space, number, i)), factors[i]));
                 sum += width;
                 last = select(last, i, width > 0u);
             }
@@ -403,7 +418,7 @@ fn draw_pixel(pixel: u32, number: u32, count: u32, space: Space, is_learned: boo
             var weight = 0.0;
             var width = 0u;
             for (; node <= last; node++) {
-                weight = node_weight(eye, records[node]);
+                weight = node_weight(eye, record_at(space, number, node));
                 width = select(width_of(scale, mixed(scale, weight, factors[node])), WHOLE - begin, node == last);
                 if (at - begin < width) {
                     break;
@@ -413,7 +428,7 @@ fn draw_pixel(pixel: u32, number: u32, count: u32, space: Space, is_learned: boo
             decisions.value = wide_sub(value, vec2u(begin << 1u, 0u));
             decisions.last = wide_sub(vec2u(width << 1u, 0u), vec2u(0u, 1u));
             let node_pmf = f32(width) * (1.0 / 2147483648.0);
-            let sample = draw_light(ids[node], view, receiver, &decisions);
+            let sample = draw_light(node_of(number, node), view, receiver, &decisions);
             // What gives nothing was drawn as well.
             tag.node = node;
             if (sample.light != NONE) {

@@ -11,7 +11,7 @@
 use lighttree::{BatchLightSampler, ChildChoice, SampleRequest, WeightedLight};
 use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder, Queue};
 
-use crate::draw::{DrawRequest, choice_number, within};
+use crate::draw::{DrawRequest, choice_number, in_parts, within};
 use crate::kernel::{Binding, Kernel, module};
 use crate::records::{DrawParams, NodeTag};
 use crate::source::{Source, drawing_source, source};
@@ -26,8 +26,8 @@ pub(crate) const DRAW_CDF: Source =
 pub(crate) const LEARN: Source =
     source!("learn", "lib/records.wgsl", "lib/grid.wgsl", "lib/request.wgsl", "learn.wgsl");
 
-/// Most nodes of a cut.
-pub const MOST_CDF_NODES: u32 = 256;
+/// Most nodes of a cut: what the 16 KiB of workgroup memory that WebGPU promises have room for.
+pub const MOST_CDF_NODES: u32 = 512;
 
 /// What a sample counts that an earlier cut has learned by, of one of the new cut's.
 const OF_EARLIER: f32 = 0.5;
@@ -270,40 +270,20 @@ impl BatchLightSampler for BatchCdf<'_> {
         out: &mut [WeightedLight],
     ) -> Result<(), GpuError> {
         let lights = request.lights_per_receiver;
-        assert_eq!(
-            out.len(),
-            receivers.len() * lights as usize,
-            "one row of `lights_per_receiver` entries per receiver"
-        );
-        if out.is_empty() {
-            return Ok(());
-        }
-        let part = (1 << 14).min((8 << 20) / lights as usize).max(1);
-        for ((receivers, out), i) in
-            receivers.chunks(part).zip(out.chunks_mut(part * lights as usize)).zip(0u32..)
-        {
+        in_parts(receivers, request, out, 1 << 14, |receivers, request, out| {
             let (gpu, width) = (self.gpu, receivers.len() as u32);
             let options = CdfOptions { nodes: self.nodes, lights, width, height: 1, block: 1, learn: None };
             let buffer = gpu.upload("receivers", receivers)?;
             let drawn = gpu.buffer("drawn", size_of_val(out) as u64, BufferUsages::empty())?;
             let stride = size_of::<ReceiverRecord>() as u64;
             let draws = CdfDraws::new(gpu, self.kernels, self.tree, options, &buffer, stride, &drawn)?;
-            draws.set_request(
-                gpu.queue(),
-                &DrawRequest {
-                    receivers: None,
-                    seed: request.seed,
-                    index: request.index,
-                    first_stream: request.first_stream.wrapping_add(i.wrapping_mul(part as u32)),
-                    ..DrawRequest::default()
-                },
-            );
+            draws.set_request(gpu.queue(), &request);
             gpu.run("draw", |encoder| {
                 draws.encode_cuts(encoder);
                 draws.encode_draws(encoder);
             })?;
             out.copy_from_slice(&gpu.read(&drawn, out.len())?);
-        }
-        Ok(())
+            Ok(())
+        })
     }
 }

@@ -505,11 +505,6 @@ impl BatchLightSampler for BatchDraws<'_> {
         out: &mut [WeightedLight],
     ) -> Result<(), GpuError> {
         let width = request.lights_per_receiver;
-        assert_eq!(
-            out.len(),
-            receivers.len() * width as usize,
-            "one row of `lights_per_receiver` entries per receiver"
-        );
         if let Some(rows) = self.cut.map(|cut| cut.nodes * cut.per_node)
             && rows != width
         {
@@ -520,28 +515,67 @@ impl BatchLightSampler for BatchDraws<'_> {
                 most: rows,
             });
         }
-        if out.is_empty() {
-            return Ok(());
-        }
-        // No more entries than a binding holds by default.
-        let part = PART.min((8 << 20) / width as usize).max(1);
-        let gpu = self.gpu;
-        for ((receivers, out), i) in
-            receivers.chunks(part).zip(out.chunks_mut(part * width as usize)).zip(0u32..)
-        {
+        in_parts(receivers, request, out, PART, |receivers, request, out| {
+            let gpu = self.gpu;
             let ready = self.ready(width, receivers.len())?;
             gpu.write(&ready.receivers, receivers)?;
-            let request = DrawRequest {
-                receivers: Some(receivers.len() as u32),
-                seed: request.seed,
-                index: request.index,
-                first_stream: request.first_stream.wrapping_add(i.wrapping_mul(part as u32)),
-                ..DrawRequest::default()
-            };
             ready.draws.set_request(gpu.queue(), &request)?;
             gpu.run("draw", |encoder| ready.draws.encode(encoder))?;
             out.copy_from_slice(&gpu.read(&ready.drawn, out.len())?);
-        }
-        Ok(())
+            Ok(())
+        })
+    }
+}
+
+/// Does a batch in parts of at most so many receivers, and of no more entries than a binding holds by default.
+///
+/// # Panics
+/// If there is not a row for each receiver.
+pub(crate) fn in_parts(
+    receivers: &[ReceiverRecord],
+    request: &SampleRequest,
+    out: &mut [WeightedLight],
+    most: usize,
+    mut each: impl FnMut(&[ReceiverRecord], DrawRequest, &mut [WeightedLight]) -> Result<(), GpuError>,
+) -> Result<(), GpuError> {
+    let row = request.lights_per_receiver as usize;
+    assert_eq!(out.len(), receivers.len() * row, "one row of `lights_per_receiver` entries per receiver");
+    if out.is_empty() {
+        return Ok(());
+    }
+    let part = most.min((8 << 20) / row).max(1);
+    for ((receivers, out), i) in receivers.chunks(part).zip(out.chunks_mut(part * row)).zip(0u32..) {
+        let request = DrawRequest {
+            receivers: Some(receivers.len() as u32),
+            seed: request.seed,
+            index: request.index,
+            first_stream: request.first_stream.wrapping_add(i.wrapping_mul(part as u32)),
+            ..DrawRequest::default()
+        };
+        each(receivers, request, out)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Receiver `i` has the same stream in whatever part it comes.
+    #[test]
+    fn parts_go_on_where_the_last_one_ended() {
+        let receivers = [ReceiverRecord::NONE; 8];
+        let request = SampleRequest { lights_per_receiver: 2, seed: 3, index: 4, first_stream: u32::MAX - 1 };
+        let mut out = [WeightedLight::NONE; 16];
+        let mut seen = Vec::new();
+        in_parts(&receivers, &request, &mut out, 3, |receivers, part, out| {
+            assert_eq!((part.receivers, out.len()), (Some(receivers.len() as u32), 2 * receivers.len()));
+            assert_eq!((part.seed, part.index), (3, 4));
+            seen.push((part.first_stream, receivers.len()));
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(seen, [(u32::MAX - 1, 3), (1, 3), (4, 2)]);
+        in_parts(&[], &request, &mut [], 3, |_, _, _| panic!("there is nothing to do")).unwrap();
     }
 }

@@ -152,54 +152,6 @@ fn dials() -> Vec<(SvgfParams, cpu::SvgfParams)> {
     ]
 }
 
-/// The dials are stated in both crates, since neither knows the other: every one begins with the same value. That they mean the same is what
-/// the pictures show.
-#[test]
-fn dials_begin_where_those_of_the_cpu_do() {
-    let cpu::SvgfParams {
-        levels,
-        sigma_luminance,
-        sigma_depth,
-        depth_floor,
-        normal_power,
-        alpha,
-        alpha_moments,
-        least_frames,
-        feedback,
-        interleaved,
-        albedo_floor,
-        mixing,
-    } = cpu::SvgfParams::default();
-    let mixing = match mixing {
-        cpu::Mixing::Normalized => Mixing::Normalized,
-        cpu::Mixing::Conserving => Mixing::Conserving,
-    };
-    let same = SvgfParams {
-        levels,
-        sigma_luminance,
-        sigma_depth,
-        depth_floor,
-        normal_power,
-        alpha,
-        alpha_moments,
-        least_frames,
-        feedback,
-        interleaved,
-        albedo_floor,
-        mixing,
-    };
-    assert_eq!(same, SvgfParams::default());
-    assert_eq!(cpu::SvgfParams::default(), cpu::SvgfParams::paper());
-    assert_eq!(SvgfParams::default(), SvgfParams::paper());
-    let cpu::TaaParams { alpha, clip, white } = cpu::TaaParams::default();
-    let clip = match clip {
-        cpu::Clip::Extremes => Clip::Extremes,
-        cpu::Clip::Deviations(deviations) => Clip::Deviations(deviations),
-        cpu::Clip::Off => Clip::Off,
-    };
-    assert_eq!(TaaParams { alpha, clip, white }, TaaParams::default());
-}
-
 /// What one refuses the other refuses, by the same name and range.
 #[test]
 fn dials_end_where_those_of_the_cpu_do() {

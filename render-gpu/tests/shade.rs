@@ -1,10 +1,6 @@
 //! Shading on the device against the reference host's materials, lights and rays: the same points on the same lights.
 
 mod common;
-/// The program's own conversions, which are tested with it.
-#[path = "../../xtask/src/device/records.rs"]
-#[allow(dead_code, reason = "the program uses the rest")]
-mod records;
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::{Random, pcg4d};
@@ -13,7 +9,7 @@ use render_gpu::Gpu;
 use render_gpu::shade::{RadianceRecord, ShadeKernel, ShadeParams, Shading, SurfaceRecord};
 use scene::{Counts, Frame, RayScratch, RaysParams, SceneRays, ShadingPoint, camera_path, camera_ray};
 
-use common::scenes::{Uploaded, upload, uploaded};
+use common::scenes::{Uploaded, records, upload, uploaded};
 
 /// As `shaders/shade/shade.wgsl` has it.
 const PLACES: u32 = 0x504c_4143;
@@ -57,7 +53,9 @@ fn on_device(
     let [surface_buffer, drawn] =
         [gpu.upload("surfaces", surfaces), gpu.upload("drawn", rows)].map(Result::unwrap);
     let emitter_buffer = gpu.upload("emitters", &emitters).unwrap();
-    let shading = Shading::new(gpu, &kernel, &surface_buffer, &emitter_buffer, &drawn, None).unwrap();
+    let outcomes = gpu.upload("outcomes", &vec![f32::NAN; rows.len()]).unwrap();
+    let told = Some(&outcomes);
+    let shading = Shading::new(gpu, &kernel, &surface_buffer, &emitter_buffer, &drawn, told).unwrap();
     let params = ShadeParams {
         surfaces: surfaces.len() as u32,
         lights: LIGHTS,
@@ -70,7 +68,20 @@ fn on_device(
     };
     shading.set(gpu.queue(), &params).unwrap();
     gpu.run("shade", |encoder| shading.encode(encoder, &uploaded.geometry)).unwrap();
-    gpu.read(shading.radiance(), surfaces.len()).unwrap()
+    let radiance = gpu.read(shading.radiance(), surfaces.len()).unwrap();
+    let outcomes = gpu.read(&outcomes, rows.len()).unwrap();
+    check_outcomes(&radiance, rows, &outcomes);
+    radiance
+}
+
+/// What is told of the entries of a row sums up to the luminance of its radiance.
+fn check_outcomes(radiance: &[RadianceRecord], rows: &[WeightedLight], outcomes: &[f32]) {
+    const LIGHTS: usize = self::LIGHTS as usize;
+    for ((lit, row), told) in radiance.iter().zip(rows.chunks(LIGHTS)).zip(outcomes.chunks(LIGHTS)) {
+        let luminance = Vec3::from(lit.color).dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        let sum: f32 = row.iter().zip(told).map(|(entry, told)| entry.weight * told).sum();
+        assert!((sum - luminance).abs() <= 1e-4 * luminance, "{told:?} are {sum}, not {luminance}");
+    }
 }
 
 /// The same in the host: radiance, shadow rays and lights looked at.

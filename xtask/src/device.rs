@@ -5,6 +5,7 @@
 
 mod draws;
 mod filters;
+mod lights;
 mod records;
 mod stages;
 
@@ -12,13 +13,11 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::Random;
-use lighttree::{BatchRayQueries, Emitter, Ray, RayHit, WeightedLight};
+use lighttree::{BatchRayQueries, Ray, RayHit, WeightedLight};
 use rayon::prelude::*;
 use render_gpu::draw::DrawRequest;
 use render_gpu::rays::{DeviceRays, RayGeometry};
-use render_gpu::records::LightRecord;
-use render_gpu::shade::{EmitterRecord, RadianceRecord, ShadeKernel, ShadeParams, Shading, SurfaceRecord};
-use render_gpu::tree::{DeviceTree, Sort, TreeKernels};
+use render_gpu::shade::{RadianceRecord, ShadeKernel, ShadeParams, Shading, SurfaceRecord};
 use render_gpu::{Gpu, GpuError, ReceiverRecord, StageTimes};
 use scene::{
     Camera, CameraPath, Counts, Film, FlatRays, Frame, Light, Progress, Purpose, RayScratch, RaysParams,
@@ -28,6 +27,7 @@ use wgpu::{Buffer, BufferUsages};
 
 use self::draws::{Drawer, Drawing, Kernels};
 pub(crate) use self::filters::DeviceFilters;
+use self::lights::{DeviceLights, TreeBuilder};
 use self::stages::Stages;
 use crate::failure::Failure;
 use crate::shot::{Gi, Plan};
@@ -37,7 +37,7 @@ use crate::trees;
 pub(crate) struct Device {
     gpu: Gpu,
     kernels: Kernels,
-    trees: TreeKernels,
+    trees: TreeBuilder,
     /// Of the last frame.
     rays: Option<DeviceRays>,
     shade: Option<ShadeKernel>,
@@ -62,9 +62,7 @@ struct Band {
 struct Room {
     /// What the bands are for.
     drawing: Drawing,
-    lights: Buffer,
-    emitters: Buffer,
-    tree: DeviceTree,
+    lights: DeviceLights,
     receivers: Buffer,
     surfaces: Buffer,
     shading: Shading,
@@ -81,6 +79,11 @@ struct Seen {
     is_lit: bool,
 }
 
+/// Whether lights are drawn from a tree of two levels.
+fn is_two_level(plan: &Plan) -> bool {
+    plan.settings.find("builder") == Some("two-level")
+}
+
 fn failed(error: &dyn std::fmt::Display) -> Failure {
     Failure::failed(format!("--device gpu: {error}"))
 }
@@ -94,7 +97,7 @@ fn refused(what: &str) -> Failure {
 /// # Errors
 /// A usage error that names what can't.
 pub(crate) fn check(plan: &Plan, params: &RenderParams) -> Result<(), Failure> {
-    let drawing = Drawing::of(plan, (params.width, params.height))?;
+    Drawing::of(plan, (params.width, params.height))?;
     if plan.gi == Gi::Path {
         return Err(refused("--gi path walks on the cpu alone; take --gi vpl or none"));
     }
@@ -104,16 +107,14 @@ pub(crate) fn check(plan: &Plan, params: &RenderParams) -> Result<(), Failure> {
     if plan.settings.number("clamp").is_some_and(f32::is_finite) {
         return Err(refused("virtual lights are not clamped there; leave --set clamp out"));
     }
-    if let Some(builder) = plan.settings.find("builder")
-        && builder != "perfect"
-        && builder != trees::BUILDER.default
-    {
-        return Err(refused(&format!(
-            "the device builds perfect trees, not {builder}; leave --set builder out"
-        )));
-    }
-    if let Some(note) = drawing.note(plan) {
-        eprintln!("--device gpu: {note}");
+    match plan.settings.find("builder") {
+        None | Some("perfect" | "two-level") => {}
+        Some(builder) if builder == trees::BUILDER.default => {}
+        Some(builder) => {
+            return Err(refused(&format!(
+                "the device builds perfect and two-level trees, not {builder}; leave --set builder out"
+            )));
+        }
     }
     Ok(())
 }
@@ -143,9 +144,10 @@ impl Device {
     pub(crate) fn new(plan: &Plan, params: &RenderParams) -> Result<Self, Failure> {
         let drawing = Drawing::of(plan, (params.width, params.height))?;
         let gpu = Gpu::request().map_err(|error| failed(&error))?;
-        let kernels = Kernels::new(&gpu, &drawing, trees::choice(&plan.settings));
+        let two_level = is_two_level(plan);
+        let kernels = Kernels::new(&gpu, &drawing, trees::choice(&plan.settings), two_level);
         let kernels = kernels.map_err(|error| failed(&error))?;
-        let trees = TreeKernels::new(&gpu).map_err(|error| failed(&error))?;
+        let trees = TreeBuilder::new(&gpu, two_level).map_err(|error| failed(&error))?;
         let times = StageTimes::new(&gpu, STAGES).map_err(|error| failed(&error))?;
         let (rays, shade, room) = (None, None, None);
         Ok(Self { gpu, kernels, trees, rays, shade, room, times, stages: Stages::default() })
@@ -254,7 +256,7 @@ impl Device {
             *pixel = if count > 0 { (sum / f64::from(count)).as_vec3() } else { Vec3::ZERO };
         }
         let mask = cut_short.then(|| sums.iter().map(|&(_, count)| count > 0).collect());
-        let bytes = (room.tree.nodes().size() + room.tree.header().size()) as usize;
+        let bytes = room.lights.tree_bytes() as usize;
         self.room = Some(room);
         Ok(Lit { rendered: Rendered { film, counts, mask, cut_short }, build, tree_bytes: bytes })
     }
@@ -268,20 +270,20 @@ impl Device {
         params: &RenderParams,
     ) -> Result<Room, GpuError> {
         let upload = Instant::now();
-        let bounds: Vec<LightRecord> =
-            frame.lights.par_iter().map(|light| LightRecord::new(&light.bounds())).collect();
-        let emitters: Vec<_> =
-            frame.lights.par_iter().map(|light| records::emitter(frame.scene, light)).collect();
-        let fits = |room: &Room| room.drawing == drawing && room.tree.capacity() as usize >= bounds.len();
-        let room = match self.room.take().filter(fits) {
-            Some(room) => {
-                self.gpu.write(&room.lights, &bounds)?;
-                self.gpu.write(&room.emitters, &emitters)?;
-                room
+        let (lights, scene) = (frame.lights, frame.scene);
+        let mut room = self.room.take().filter(|room| room.drawing == drawing);
+        if let Some(last) = &room
+            && !last.lights.update(&self.gpu, lights, scene)?
+        {
+            room = None;
+        }
+        let room = match room {
+            Some(room) => room,
+            None => {
+                let lights = DeviceLights::new(&self.gpu, &self.trees, lights, scene)?;
+                self.new_room(shade, lights, drawing, params)?
             }
-            None => self.new_room(shade, &bounds, &emitters, drawing, params)?,
         };
-        room.tree.set_lights(self.gpu.queue(), bounds.len() as u32)?;
         self.stages.add("lights up", upload.elapsed().as_secs_f64());
         Ok(room)
     }
@@ -292,7 +294,7 @@ impl Device {
         let times = &mut self.times;
         self.gpu.run("tree", |encoder| {
             times.begin(encoder);
-            room.tree.encode_build(encoder);
+            room.lights.encode_build(encoder);
             times.mark(encoder, "tree");
             times.end(encoder);
         })?;
@@ -314,15 +316,11 @@ impl Device {
     fn new_room(
         &self,
         shade: &ShadeKernel,
-        bounds: &[LightRecord],
-        emitters: &[EmitterRecord],
+        lights: DeviceLights,
         drawing: Drawing,
         params: &RenderParams,
     ) -> Result<Room, GpuError> {
         let gpu = &self.gpu;
-        let lights = gpu.upload("lights", bounds)?;
-        let emitters = gpu.upload("emitters", emitters)?;
-        let tree = DeviceTree::new(gpu, &self.trees, &lights, Sort::default())?;
         let row = drawing.lights() as usize * size_of::<WeightedLight>();
         let most = gpu.device().limits().max_storage_buffer_binding_size as usize;
         let fit = most / row.max(size_of::<SurfaceRecord>());
@@ -337,15 +335,16 @@ impl Device {
         let drawn = buffer("drawn", row)?;
         let outcomes = buffer("outcomes", if drawing.learns() { row / 2 } else { 0 })?;
         let told = drawing.learns().then_some(&outcomes);
-        let shading = Shading::new(gpu, shade, &surfaces, &emitters, &drawn, told)?;
+        let shading = Shading::new(gpu, shade, &surfaces, lights.emitters(), &drawn, told)?;
         let mut bands = Vec::new();
         for top in (0..params.height).step_by(rows as usize) {
             let height = rows.min(params.height - top);
             let drawing = drawing.of_rows(height);
-            let drawer = Drawer::new(gpu, &self.kernels, &tree, drawing, &receivers, [&drawn, &outcomes])?;
+            let drawer =
+                Drawer::new(gpu, &self.kernels, lights.tree(), drawing, &receivers, [&drawn, &outcomes])?;
             bands.push(Band { first: top * params.width, pixels: height * params.width, drawer });
         }
-        Ok(Room { drawing, lights, emitters, tree, receivers, surfaces, shading, bands })
+        Ok(Room { drawing, lights, receivers, surfaces, shading, bands })
     }
 
     /// One camera sample of each pixel of a band.

@@ -12,7 +12,7 @@ use lighttree::{
 use scene::{Light, Scene};
 use stochastic::TwoLevelTree;
 
-pub(crate) use two_level::KeptMeshes;
+pub(crate) use two_level::{KeptMeshes, Levels};
 
 use crate::settings::{Key, Range as KeyRange, Settings};
 

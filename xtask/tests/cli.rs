@@ -120,6 +120,20 @@ fn a_device_takes_the_picture_of_the_cpu() {
     let json = render(folder.path(), &[&learning[..], &["--device", "gpu"]].concat());
     assert_eq!(json["frames"].as_array().map(Vec::len), Some(3), "{json}");
     assert!(json["stages"]["learn"].as_f64() > Some(0.0), "{json}");
+
+    // Bodies that turn, each with the tree of its mesh: the CPU's second frame and not its first, with as much noise as the CPU has with another seed.
+    let bodies = ["cornell-lights:300", "--set", "builder=two-level", "--spp", "32", "--frames", "2"];
+    let film = |method: &str, more: &[&str]| {
+        let method = ["--size", "24x16", "--method", method];
+        render(folder.path(), &[&bodies[..], &method, more].concat())
+    };
+    film("tree", &["-o", "cpu.exr"]);
+    for method in ["tree", "cut", "shared-cut"] {
+        let json = film(method, &on_device);
+        let first = json["frames"][0]["error"]["relmse"].as_f64().expect("an error");
+        let noise = last(&film(method, &["--seed", "3", "--reference", "cpu.0001.exr"]));
+        assert!(last(&json) < 1.4 * noise && first > 1.3 * last(&json), "{method}: {noise} and {json}");
+    }
 }
 
 #[test]
@@ -340,8 +354,9 @@ fn bad_calls_exit_with_2_and_say_what_to_write() {
     on_device(&[], &["gpu", "lightcut", "shared-cut"]);
     on_device(&["--method", "tree", "--pixels", "9"], &["gpu", "--pixels"]);
     on_device(&["--method", "tree", "--set", "builder=median"], &["gpu", "median", "perfect"]);
+    on_device(&["--method", "cut-cdf", "--set", "builder=two-level"], &["gpu", "one level", "shared-cut"]);
     on_device(&["--method", "cut", "--set", "lights=64"], &["gpu", "64", "32"]);
-    on_device(&["--method", "cut-cdf", "--set", "nodes=300"], &["gpu", "300", "256"]);
+    on_device(&["--method", "cut-cdf", "--set", "nodes=600"], &["gpu", "600", "512"]);
     refuses(&["render", "-o", "picture.jpg"], 2, &["picture.jpg", ".exr"]);
     refuses(&["render", "-o", "nowhere/picture.exr"], 2, &["nowhere", "make it first"]);
     refuses(&["render", "--nonsense"], 2, &["--nonsense", "--help"]);

@@ -1,10 +1,13 @@
 //! Scenes of the reference host on the device.
 
-use bytemuck::cast_slice;
+/// The program's own conversions, which are tested with it.
+#[path = "../../../xtask/src/device/records.rs"]
+pub mod records;
+
 use glam::Vec3;
 use render_gpu::Gpu;
-use render_gpu::rays::{BinaryTree, Geometry, InstanceGeometry, MeshGeometry, RayGeometry};
-use scene::{FlatRays, FlatTree, RaysParams, Scene};
+use render_gpu::rays::RayGeometry;
+use scene::{FlatRays, RaysParams, Scene};
 
 /// A scene, its arrays, and these on the device.
 pub struct Uploaded {
@@ -22,22 +25,7 @@ pub fn uploaded(gpu: &Gpu, name: &str, params: &RaysParams) -> Uploaded {
 }
 
 pub fn upload(gpu: &Gpu, flat: &FlatRays) -> RayGeometry {
-    let meshes: Vec<_> = flat
-        .meshes
-        .iter()
-        .map(|mesh| MeshGeometry { triangles: &mesh.triangles, tree: tree(&mesh.tree) })
-        .collect();
-    let instances: Vec<_> = flat
-        .instances
-        .iter()
-        .map(|i| InstanceGeometry { mesh: i.mesh, first_primitive: i.first_primitive, to_world: i.to_world })
-        .collect();
-    let instances = (!flat.top.nodes.is_empty()).then(|| (&instances[..], tree(&flat.top)));
-    RayGeometry::new(gpu, &Geometry { meshes: &meshes, instances }).unwrap()
-}
-
-fn tree(tree: &FlatTree) -> BinaryTree<'_> {
-    BinaryTree { nodes: cast_slice(&tree.nodes), order: &tree.order }
+    records::geometry(flat, |geometry| RayGeometry::new(gpu, geometry)).unwrap()
 }
 
 impl Uploaded {

@@ -3,13 +3,12 @@
 use lighttree::ChildChoice;
 use render_gpu::cdf::{CdfDraws, CdfKernels, CdfOptions, Learner, MOST_CDF_NODES};
 use render_gpu::draw::{
-    CutOptions, DrawKernels, DrawOptions, DrawRequest, Draws, Guard, MOST_NODES, Method as Walks,
+    CutOptions, DrawKernels, DrawOptions, DrawRequest, Draws, Guard, LightTrees, MOST_NODES, Method as Walks,
 };
-use render_gpu::tree::DeviceTree;
 use render_gpu::{DEFAULT_RECEIVER, Gpu, GpuError, ReceiverRecord, StageTimes};
 use wgpu::{Buffer, CommandEncoder};
 
-use super::refused;
+use super::{is_two_level, refused};
 use crate::failure::Failure;
 use crate::methods::Method;
 use crate::shot::Plan;
@@ -44,15 +43,20 @@ impl Drawing {
                 Ok(Self::Walks(Walks::SharedCut { cut, width, height, block, interleave, guard }))
             }
             Method::CutCdf | Method::CutCdfVis => {
+                if is_two_level(plan) {
+                    return Err(refused(
+                        "distributions are over cuts of a tree of one level; leave --set builder out, or take tree, cut or shared-cut",
+                    ));
+                }
                 let nodes = settings.whole("nodes");
-                if nodes > MOST_CDF_NODES && !nodes_are_default(plan) {
+                if nodes > MOST_CDF_NODES {
                     return Err(refused(&format!(
                         "cuts with distributions have at most {MOST_CDF_NODES} nodes there, not {nodes}; set nodes to less"
                     )));
                 }
                 let learn = plan.method == Method::CutCdfVis;
                 Ok(Self::Cdf(CdfOptions {
-                    nodes: nodes.min(MOST_CDF_NODES),
+                    nodes,
                     lights: settings.whole("lights"),
                     width,
                     height,
@@ -65,14 +69,6 @@ impl Drawing {
                 other.about().name
             ))),
         }
-    }
-
-    /// What people should know before it begins: where it differs from what the CPU does with the same settings.
-    pub(super) fn note(&self, plan: &Plan) -> Option<String> {
-        let Self::Cdf(CdfOptions { nodes, .. }) = self else { return None };
-        let default = plan.settings.whole("nodes");
-        (*nodes != default)
-            .then(|| format!("cuts of {nodes} nodes, the most on the device, in place of {default}"))
     }
 
     /// Entries for each pixel.
@@ -122,12 +118,6 @@ fn cut(plan: &Plan, parts: u32) -> Result<CutOptions, Failure> {
     Ok(CutOptions { nodes, per_node: lights / nodes, distance_floor })
 }
 
-/// Whether nobody asked for a number of nodes, or for just the default.
-fn nodes_are_default(plan: &Plan) -> bool {
-    let keys = plan.method.keys();
-    keys.iter().any(|key| key.name == "nodes" && key.default == plan.settings.text("nodes"))
-}
-
 /// The kernels that a plan needs.
 pub(super) enum Kernels {
     Walks(DrawKernels),
@@ -136,11 +126,16 @@ pub(super) enum Kernels {
 
 impl Kernels {
     /// Compiles them.
-    pub(super) fn new(gpu: &Gpu, drawing: &Drawing, choice: ChildChoice) -> Result<Self, GpuError> {
+    pub(super) fn new(
+        gpu: &Gpu,
+        drawing: &Drawing,
+        choice: ChildChoice,
+        two_level: bool,
+    ) -> Result<Self, GpuError> {
         Ok(match drawing {
             Drawing::Walks(walks) => {
                 let guard = matches!(walks, Walks::SharedCut { guard: Some(_), .. });
-                let options = DrawOptions { choice, guard, ..DrawOptions::default() };
+                let options = DrawOptions { choice, guard, two_level, ..DrawOptions::default() };
                 Self::Walks(DrawKernels::with_options(gpu, &options)?)
             }
             Drawing::Cdf(_) => Self::Cdf(CdfKernels::with(gpu, choice, DEFAULT_RECEIVER)?),
@@ -167,17 +162,17 @@ impl Drawer {
     pub(super) fn new(
         gpu: &Gpu,
         kernels: &Kernels,
-        tree: &DeviceTree,
+        tree: LightTrees<'_>,
         drawing: Drawing,
         receivers: &Buffer,
         [drawn, outcomes]: [&Buffer; 2],
     ) -> Result<Self, GpuError> {
         let stride = size_of::<ReceiverRecord>() as u64;
-        match (kernels, drawing) {
-            (Kernels::Walks(kernels), Drawing::Walks(walks)) => {
+        match (kernels, drawing, tree) {
+            (Kernels::Walks(kernels), Drawing::Walks(walks), tree) => {
                 Ok(Self::Walks(Box::new(Draws::new(gpu, kernels, tree, walks, receivers, stride, drawn)?)))
             }
-            (Kernels::Cdf(kernels), Drawing::Cdf(options)) => {
+            (Kernels::Cdf(kernels), Drawing::Cdf(options), LightTrees::One(tree)) => {
                 let draws = CdfDraws::new(gpu, kernels, tree, options, receivers, stride, drawn)?;
                 let learner = options.learn.map(|_| draws.learner(gpu, outcomes)).transpose()?;
                 Ok(Self::Cdf(Box::new(CdfDrawer { draws, learner, has_learned: false })))

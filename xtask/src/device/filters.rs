@@ -116,3 +116,16 @@ fn taa_params(params: &TaaParams) -> gpu_filter::TaaParams {
     };
     gpu_filter::TaaParams { alpha, clip, white }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The dials are stated in both crates, since neither knows the other: every one begins with the same value.
+    #[test]
+    fn dials_begin_with_the_same_values() {
+        assert_eq!(svgf_params(&SvgfParams::default()), gpu_filter::SvgfParams::default());
+        assert_eq!(svgf_params(&SvgfParams::paper()), gpu_filter::SvgfParams::paper());
+        assert_eq!(taa_params(&TaaParams::default()), gpu_filter::TaaParams::default());
+    }
+}

@@ -45,8 +45,41 @@ impl KeptMeshes {
     }
 }
 
-/// The tree over `lights`, with the same ids: each run of lights on one instance is one of its mesh, and whatever else lies between them
-/// is taken as it is. Meshes whose lights are what they were in the last frame keep their trees.
+/// The lights of each mesh, and where it is. Lights of all instances, one after the other, are those of the scene.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Levels {
+    /// Bounds in the mesh's space, and what instances keep of them.
+    pub(crate) meshes: Vec<(Vec<LightBounds>, Keeps)>,
+    pub(crate) instances: Vec<LightInstance>,
+}
+
+impl Levels {
+    /// Of `lights`, with the same ids: each run of lights on one instance is one of its mesh, and whatever else lies between them is taken as it is.
+    pub(crate) fn of(lights: &[Light], scene: &Scene) -> Self {
+        let mut levels = Self::default();
+        // By mesh of the scene and triangles of it, since an instance may have lost some that have no area.
+        let mut known: HashMap<(u32, Vec<u32>), u32> = HashMap::new();
+        for run in lights.chunk_by(|a, b| instance_of(a) == instance_of(b)) {
+            let next = levels.meshes.len() as u32;
+            let Some(instance) = instance_of(&run[0]) else {
+                levels.instances.push(LightInstance { mesh: next, to_world: Affine3A::IDENTITY });
+                levels.meshes.push((run.iter().map(Emitter::bounds).collect(), Keeps::Intensity));
+                continue;
+            };
+            let instance = scene.instances[instance as usize];
+            let triangles: Vec<u32> = run.iter().filter_map(triangle_of).collect();
+            let mesh = *known.entry((instance.mesh, triangles)).or_insert(next);
+            if mesh == next {
+                let bounds = run.iter().map(|light| in_mesh(light, scene)).collect();
+                levels.meshes.push((bounds, Keeps::Radiance));
+            }
+            levels.instances.push(LightInstance { mesh, to_world: instance.to_world });
+        }
+        levels
+    }
+}
+
+/// The tree over `lights`, with the same ids. Meshes whose lights are what they were in the last frame keep their trees.
 ///
 /// # Errors
 /// A sentence about the light or the instance that cannot be used.
@@ -56,33 +89,11 @@ pub(super) fn build(
     kept: &mut KeptMeshes,
 ) -> Result<TwoLevelTree<LightTree>, String> {
     kept.built = 0;
-    let mut meshes = Vec::new();
-    let mut instances = Vec::new();
-    // By mesh of the scene and triangles of it, since an instance may have lost some that have no area.
-    let mut known: HashMap<(u32, Vec<u32>), u32> = HashMap::new();
-    for run in lights.chunk_by(|a, b| instance_of(a) == instance_of(b)) {
-        let Some(instance) = instance_of(&run[0]) else {
-            let bounds: Vec<_> = run.iter().map(Emitter::bounds).collect();
-            instances.push(LightInstance { mesh: meshes.len() as u32, to_world: Affine3A::IDENTITY });
-            meshes.push(kept.mesh(meshes.len(), bounds, Keeps::Intensity)?);
-            continue;
-        };
-        let instance = scene.instances[instance as usize];
-        let triangles: Vec<u32> = run.iter().filter_map(triangle_of).collect();
-        let mesh = match known.get(&(instance.mesh, triangles.clone())) {
-            Some(&mesh) => mesh,
-            None => {
-                let bounds: Vec<_> = run.iter().map(|light| in_mesh(light, scene)).collect();
-                let mesh = meshes.len() as u32;
-                meshes.push(kept.mesh(meshes.len(), bounds, Keeps::Radiance)?);
-                known.insert((instance.mesh, triangles), mesh);
-                mesh
-            }
-        };
-        instances.push(LightInstance { mesh, to_world: instance.to_world });
-    }
-    kept.meshes.truncate(meshes.len());
-    TwoLevelTree::build(meshes, &instances, &BuildParams::saoh()).map_err(|error| error.to_string())
+    let Levels { meshes, instances } = Levels::of(lights, scene);
+    let tree = |(index, (bounds, keeps))| kept.mesh(index, bounds, keeps);
+    let trees = meshes.into_iter().enumerate().map(tree).collect::<Result<Vec<_>, _>>()?;
+    kept.meshes.truncate(trees.len());
+    TwoLevelTree::build(trees, &instances, &BuildParams::saoh()).map_err(|error| error.to_string())
 }
 
 /// The instance that a light is on, if it is on one.

@@ -5,7 +5,7 @@
 //!
 //! How it works, a file each:
 //!
-//! - `obvhs` builds a binary tree (`binary`, after `chains` has set aside what would make it slow), and
+//! - `binned` builds a binary tree from the top down, `obvhs` puts subtrees where they cost less (`binary`), and
 //!   `collapse` makes it 8 wide, by the cheapest choice of children (Ylitie, Karras, Laine 2017).
 //! - `triangle`: the sheared test of Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013, with
 //!   inclusive edges. Two triangles that share an edge never both miss: their edge functions are each other's exact negative.
@@ -31,8 +31,8 @@
 
 mod alpha;
 mod binary;
+mod binned;
 mod build;
-mod chains;
 mod collapse;
 mod dispatch;
 mod error;

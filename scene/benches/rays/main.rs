@@ -15,7 +15,7 @@ mod sets;
 
 use std::hint::black_box;
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput};
 use glam::{Vec3, Vec3A};
@@ -104,7 +104,9 @@ struct Bench {
 
 impl Bench {
     fn new(scene: Scene) -> Self {
+        let begin = Instant::now();
         let rays = SceneRays::build(&scene).expect("a sound scene");
+        let ours = begin.elapsed();
         let mut portable = rays.clone();
         portable.set_path(RayPath::Portable);
         let triangles: Vec<Triangle> = scene
@@ -121,7 +123,17 @@ impl Bench {
             .collect();
         let permuted = |order: &[u32]| order.iter().map(|&i| triangles[i as usize]).collect();
         let mut ignored = Duration::ZERO;
+        let begin = Instant::now();
         let bvh2 = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut ignored);
+        let theirs = begin.elapsed();
+        println!(
+            "{}: {} triangles, built in {:.0} ms on {} threads; obvhs' Bvh2 {:.0} ms on one",
+            scene.name,
+            triangles.len(),
+            1e3 * ours.as_secs_f64(),
+            std::thread::available_parallelism().map_or(1, usize::from),
+            1e3 * theirs.as_secs_f64()
+        );
         let cwbvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::medium_build(), &mut ignored);
         let (bvh2_triangles, cwbvh_triangles) =
             (permuted(&bvh2.primitive_indices), permuted(&cwbvh.primitive_indices));

@@ -32,8 +32,6 @@ pub struct BuildStats {
     pub triangles: usize,
     /// Of these, left out because two of their corners are the same point: no ray can hit them.
     pub pointless: usize,
-    /// Of these, set aside because they'd have made the build quadratic: copies, nests, progressions.
-    pub in_runs: usize,
     /// Masked ones.
     pub masked: usize,
     /// Wide nodes.
@@ -52,7 +50,6 @@ impl BuildStats {
         Self {
             triangles: self.triangles + other.triangles,
             pointless: self.pointless + other.pointless,
-            in_runs: self.in_runs + other.in_runs,
             masked: self.masked + other.masked,
             nodes: self.nodes + other.nodes,
             packets: self.packets + other.packets,
@@ -106,11 +103,10 @@ impl WideBvh {
             })
             .collect();
 
-        let (tree, in_runs) = Binary::build(&boxes);
+        let tree = Binary::build(&boxes);
         let mut stats = BuildStats {
             triangles: triangles.len(),
             pointless: triangles.len() - kept.len(),
-            in_runs,
             masked: kept.iter().filter(|&&i| masked(i)).count(),
             ..BuildStats::default()
         };

@@ -175,7 +175,7 @@ const DEEP: usize = 96;
 
 impl FlatTree {
     fn new(boxes: &[Aabb]) -> Self {
-        let (tree, _) = Binary::build(boxes);
+        let tree = Binary::build(boxes);
         let flat = Self::of(&tree);
         if flat.depth() > DEEP { Self::of(&tree.halved(boxes)) } else { flat }
     }

@@ -68,7 +68,7 @@ impl TwoLevel {
         for b in &mut boxes {
             *b = Aabb { min: b.min * scale.factor, max: b.max * scale.factor };
         }
-        let (tree, _) = Binary::build(&boxes);
+        let tree = Binary::build(&boxes);
         let emit = |tree: &Binary| Plan::new(tree, 1).emit(tree, |one| Link::leaf(one[0] as usize, 1, false));
         let (mut nodes, mut stack) = emit(&tree);
         if stack > STACK {

@@ -65,6 +65,6 @@ pub use gather::{GatherParams, GatherSample, GatherScratch, Incoming, gather};
 pub use lookup::LookupScratch;
 pub use nearest::{Facing, PhotonScratch};
 pub use photon::Photon;
-pub use samples::{InterpolationParams, IrradianceSamples, SampleScratch, Share};
+pub use samples::{InterpolationParams, IrradianceSamples, Place, SampleScratch, Share};
 pub use sh::RadianceSh;
 pub use tree::PhotonMap;

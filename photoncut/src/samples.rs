@@ -2,7 +2,8 @@
 //!
 //! Ward, Rubinstein and Clear 1988: the mean of nearby samples with weights 1/e, e = |x - s| ÷ R + |n - nₛ|, R the harmonic mean of the distances that the
 //! sample's rays went; as Wang et al. 2009 have it. Differs from both: what a sample is off along its normal counts more
-//! ([`planes`](InterpolationParams::planes)), and there is no radius beyond which a sample ends. The samples of least e are taken,
+//! ([`planes`](InterpolationParams::planes)); R is no larger than that of the place that asks, where that is known ([`Place::mean_distance`]); and there is no radius
+//! beyond which a sample ends. The samples of least e are taken,
 //! and the weight of the next one after them is subtracted from all: a sample comes and goes with weight zero, so the result is continuous
 //! wherever samples are, and never undefined. Gradients are limited: those of Ward and Heckbert 1992 have no bound.
 //!
@@ -44,6 +45,31 @@ impl InterpolationParams {
             max_distance: scene_radius,
         }
     }
+
+    /// R within its limits, and above zero.
+    fn clamped(&self, r: f32) -> f32 {
+        let floor = if self.min_distance.is_finite() { self.min_distance.max(0.0) } else { 0.0 };
+        r.min(self.max_distance).max(floor).max(f32::MIN_POSITIVE)
+    }
+}
+
+/// A surface that asks for its light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// World-space position.
+    pub position: Vec3,
+    /// Unit normal.
+    pub normal: Vec3,
+    /// Harmonic mean of the distances to what the place sees, as a few rays tell, in the scene's length unit. In a gap it is small, and samples in the open beside it then count
+    /// as far. Infinite or NaN: nothing is known. At most 0: as small as R can be.
+    pub mean_distance: f32,
+}
+
+impl Place {
+    /// One that nothing is known of but where it is.
+    pub const fn new(position: Vec3, normal: Vec3) -> Self {
+        Self { position, normal, mean_distance: f32::INFINITY }
+    }
 }
 
 /// Most samples in a mean.
@@ -61,6 +87,9 @@ pub struct IrradianceSamples {
     reach: Vec<f32>,
     params: InterpolationParams,
 }
+
+/// A bound is rounded otherwise than the e that it bounds: whoever is out by no more than this is looked at.
+const SLACK: f32 = 1.0 - 1e-5;
 
 #[derive(Clone, Copy, Debug)]
 struct Indexed {
@@ -121,12 +150,10 @@ pub struct SampleScratch {
 impl IrradianceSamples {
     /// Indexes samples; those with a NaN or infinite position, normal or irradiance are left out and counted in the second result.
     pub fn new(samples: &[GatherSample], params: &InterpolationParams) -> (Self, usize) {
-        let floor = if params.min_distance.is_finite() { params.min_distance.max(0.0) } else { 0.0 };
-        let clamped = |r: f32| r.min(params.max_distance).max(floor).max(f32::MIN_POSITIVE);
         let mut kept: Vec<Indexed> = (0..)
             .zip(samples)
             .filter(|(_, s)| s.position.is_finite() && s.normal.is_finite() && s.irradiance.is_finite())
-            .map(|(index, &sample)| Indexed { sample, distance: clamped(sample.mean_distance), index })
+            .map(|(index, &sample)| Indexed { sample, distance: params.clamped(sample.mean_distance), index })
             .collect();
         let left_out = samples.len() - kept.len();
         if params.clamp_neighbours {
@@ -157,9 +184,9 @@ impl IrradianceSamples {
         self.samples.is_empty()
     }
 
-    /// Who speaks for a surface at `point` that faces `normal`, and with what weight; nobody only where there are no samples.
-    pub fn shares<'s>(&self, point: Vec3, normal: Vec3, scratch: &'s mut SampleScratch) -> &'s [Share] {
-        self.find_nearest(point, normal, scratch);
+    /// Who speaks for a place, and with what weight; nobody only where there are no samples.
+    pub fn shares<'s>(&self, place: &Place, scratch: &'s mut SampleScratch) -> &'s [Share] {
+        self.find_nearest(place, scratch);
         let SampleScratch { best, shares, .. } = scratch;
         shares.clear();
         let share = |slot: u32, weight: f32| Share { index: self.samples[slot as usize].index, weight, slot };
@@ -188,25 +215,25 @@ impl IrradianceSamples {
         shares
     }
 
-    /// Irradiance of a surface at `point` that faces `normal`, W·m⁻² per channel; zero without samples. With gradients a channel may be extrapolated to below
+    /// Irradiance of a place, W·m⁻² per channel; zero without samples. With gradients a channel may be extrapolated to below
     /// zero: it is cut off there, and the second result is how far below, from 0 on.
-    pub fn irradiance(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) -> (Vec3, Vec3) {
-        let shares = self.shares(point, normal, scratch).iter();
-        let sum: Vec3 = shares.map(|share| share.weight * self.foretold(share, point, normal)).sum();
+    pub fn irradiance(&self, place: &Place, scratch: &mut SampleScratch) -> (Vec3, Vec3) {
+        let shares = self.shares(place, scratch).iter();
+        let sum: Vec3 = shares.map(|share| share.weight * self.foretold(share, place)).sum();
         (sum.max(Vec3::ZERO), (-sum).max(Vec3::ZERO))
     }
 
-    /// How little samples know about a surface at `point` that faces `normal`. Dimensionless, from 0 (at a sample) on; without samples 0. Where it is large, light gathered at the
-    /// point itself is worth its rays most.
+    /// How little samples know about a place. Dimensionless, from 0 (at a sample) on; without samples 0. Where it is large, light gathered at the place itself is worth its rays
+    /// most.
     ///
     /// The squares of two parts are added: the standard deviation of what each sample foretells, by their shares, over the largest irradiance that any of them gathered;
-    /// and a tenth of the least e, for what no sample is near may be dark though all around it agree.
-    pub fn doubt(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) -> f32 {
-        const UNSEEN: f64 = 0.1;
-        self.shares(point, normal, scratch);
+    /// and a twentieth of the least e, for what no sample is near may be dark though all around it agree.
+    pub fn doubt(&self, place: &Place, scratch: &mut SampleScratch) -> f32 {
+        const UNSEEN: f64 = 0.05;
+        self.shares(place, scratch);
         let (mut mean, mut squares, mut largest) = (0.0f64, 0.0f64, 0.0f64);
         for share in &scratch.shares {
-            let foretold = f64::from(self.foretold(share, point, normal).element_sum());
+            let foretold = f64::from(self.foretold(share, place).element_sum());
             mean += f64::from(share.weight) * foretold;
             squares += f64::from(share.weight) * foretold * foretold;
             largest =
@@ -218,16 +245,16 @@ impl IrradianceSamples {
         spread.hypot(unseen).min(f64::from(f32::MAX)) as f32
     }
 
-    /// What one sample says of a point.
+    /// What one sample says of a place.
     #[inline]
-    fn foretold(&self, share: &Share, point: Vec3, normal: Vec3) -> Vec3 {
+    fn foretold(&self, share: &Share, place: &Place) -> Vec3 {
         let Indexed { sample, distance, .. } = &self.samples[share.slot as usize];
         if !self.params.gradients {
             return sample.irradiance;
         }
         // Farther away than R a gradient says nothing.
-        let way = (point - sample.position).clamp_length_max(*distance);
-        let turn = sample.normal.cross(normal);
+        let way = (place.position - sample.position).clamp_length_max(*distance);
+        let turn = sample.normal.cross(place.normal);
         let change = |c: usize| turn.dot(sample.rotation[c]) + way.dot(sample.translation[c]);
         sample.irradiance + Vec3::new(change(0), change(1), change(2))
     }
@@ -236,40 +263,40 @@ impl IrradianceSamples {
         (self.params.neighbours as usize).clamp(1, MAX_NEIGHBOURS)
     }
 
-    /// Fills `best` with the samples of least e, one more than wanted.
-    fn find_nearest(&self, point: Vec3, normal: Vec3, scratch: &mut SampleScratch) {
+    /// Fills `best` with the samples of least e, ties to the lower slot, one more than wanted.
+    fn find_nearest(&self, place: &Place, scratch: &mut SampleScratch) {
         let SampleScratch { stack, best, .. } = scratch;
-        best.clear();
         stack.clear();
         let count = self.wanted() + 1;
-        #[expect(clippy::manual_clamp, reason = "NaN counts as 0")]
-        let planes = self.params.planes.max(0.0).min(1e6);
+        let measure = Measure::new(place, &self.params);
+
+        // Who was near the place before may be near this one: a bound to begin with. What is found does not depend on it.
+        best.retain_mut(|(error, slot)| {
+            let near = self.samples.get(*slot as usize);
+            *error = near.map_or(f32::NAN, |sample| measure.error(sample));
+            error.is_finite()
+        });
+        best.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        best.truncate(count);
+
         // Nothing below a node has a lesser e than this.
-        let least =
-            |id: u32| self.nodes[id as usize].distance_squared(point).sqrt() / self.reach[id as usize];
+        let least = |id: u32| {
+            let distance = self.nodes[id as usize].distance_squared(place.position).sqrt();
+            SLACK * distance / self.reach[id as usize].min(measure.reach)
+        };
         if !self.is_empty() {
             stack.push((least(0), 0));
         }
         while let Some((bound, id)) = stack.pop() {
-            let full = best.len() == count;
-            if full && bound >= best[count - 1].0 {
+            if best.len() == count && bound > best[count - 1].0 {
                 continue;
             }
             let node = &self.nodes[id as usize];
             let children = node.children();
             if children.is_empty() {
                 for slot in node.items() {
-                    let Indexed { sample, distance, .. } = &self.samples[slot as usize];
-                    let offset = point - sample.position;
-                    let off_plane = offset.dot(sample.normal).abs();
-                    let error =
-                        (offset.length() + planes * off_plane) / distance + normal.distance(sample.normal);
-                    if !error.is_finite() || (best.len() == count && error >= best[count - 1].0) {
-                        continue;
-                    }
-                    let place = best.partition_point(|&(other, _)| other <= error);
-                    best.truncate(count - 1);
-                    best.insert(place.min(best.len()), (error, slot));
+                    let entry = (measure.error(&self.samples[slot as usize]), slot);
+                    insert(best, entry, count);
                 }
                 continue;
             }
@@ -279,6 +306,46 @@ impl IrradianceSamples {
             }
             stack.extend([a, b]);
         }
+    }
+}
+
+/// Puts an entry in its place among the `count` best, unless it is there already, or no number.
+#[inline]
+fn insert(best: &mut Vec<(f32, u32)>, entry: (f32, u32), count: usize) {
+    let (error, slot) = entry;
+    if !error.is_finite() || (best.len() == count && entry >= best[count - 1]) {
+        return;
+    }
+    let place = best.partition_point(|other| *other < entry);
+    if best.get(place).is_none_or(|&(_, there)| there != slot) {
+        best.truncate(count - 1);
+        best.insert(place, (error, slot));
+    }
+}
+
+/// Ward's e against one place.
+struct Measure<'a> {
+    place: &'a Place,
+    /// R of the place; infinite: not known.
+    reach: f32,
+    planes: f32,
+}
+
+impl<'a> Measure<'a> {
+    fn new(place: &'a Place, params: &InterpolationParams) -> Self {
+        let own = place.mean_distance;
+        let reach = if own.is_finite() { params.clamped(own) } else { f32::INFINITY };
+        #[expect(clippy::manual_clamp, reason = "NaN counts as 0")]
+        let planes = params.planes.max(0.0).min(1e6);
+        Self { place, reach, planes }
+    }
+
+    #[inline]
+    fn error(&self, &Indexed { ref sample, distance, .. }: &Indexed) -> f32 {
+        let offset = self.place.position - sample.position;
+        let off_plane = offset.dot(sample.normal).abs();
+        (offset.length() + self.planes * off_plane) / distance.min(self.reach)
+            + self.place.normal.distance(sample.normal)
     }
 }
 

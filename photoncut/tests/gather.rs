@@ -8,7 +8,7 @@ use glam::Vec3;
 use lighttree::rng::Random;
 use photoncut::{
     DensityParams, GatherParams, GatherSample, GatherScratch, IlluminationCut, Incoming, InterpolationParams,
-    IrradianceSamples, LookupScratch, PhotonScratch, RadianceSh, SampleScratch, gather,
+    IrradianceSamples, LookupScratch, PhotonScratch, Place, RadianceSh, SampleScratch, gather,
 };
 
 const PARAMS: GatherParams = GatherParams { rays: 400, seed: 1 };
@@ -59,7 +59,7 @@ fn white_furnace() {
     let mut between = 0.0;
     for _ in 0..1000 {
         let (point, normal) = common::wall_point(&mut random);
-        between += samples.irradiance(point, normal, &mut scratch).0.x / 1000.0;
+        between += samples.irradiance(&Place::new(point, normal), &mut scratch).0.x / 1000.0;
     }
     assert!((between / expected - 1.0).abs() < 0.01, "between samples: {}", between / expected - 1.0);
 }
@@ -144,18 +144,22 @@ fn interpolation_is_continuous() {
         let params = InterpolationParams { neighbours, ..InterpolationParams::new(1.0) };
         let (index, _) = IrradianceSamples::new(&samples, &params);
         for sample in &samples {
-            assert_eq!(index.irradiance(sample.position, Vec3::Y, &mut scratch).0, sample.irradiance);
+            assert_eq!(
+                index.irradiance(&Place::new(sample.position, Vec3::Y), &mut scratch).0,
+                sample.irradiance
+            );
         }
         for i in 0..100 {
-            let shares = index.shares(Vec3::splat(i as f32 * 0.3), Vec3::Y, &mut scratch);
+            let shares = index.shares(&Place::new(Vec3::splat(i as f32 * 0.3), Vec3::Y), &mut scratch);
             let sum: f32 = shares.iter().map(|share| share.weight).sum();
             assert!((sum - 1.0).abs() < 1e-5 && shares.len() <= neighbours as usize);
         }
         if neighbours > 1 {
             // Along a line in tiny steps; a sample is a cusp at worst, never a jump.
             let along = |i: u32| Vec3::new(i as f32 * 1e-4, 0.0, 0.37);
-            let values: Vec<f32> =
-                (0..10_000).map(|i| index.irradiance(along(i), Vec3::Y, &mut scratch).0.x).collect();
+            let values: Vec<f32> = (0..10_000)
+                .map(|i| index.irradiance(&Place::new(along(i), Vec3::Y), &mut scratch).0.x)
+                .collect();
             let jump = values.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f32::max);
             assert!(jump < 0.05, "{neighbours} neighbours: a jump of {jump}");
         }
@@ -171,27 +175,101 @@ fn planes_keep_shelves_apart() {
     for (planes, expected) in [(0.0, 9.0), (f32::NAN, 9.0), (4.0, 1.0), (f32::INFINITY, 1.0)] {
         let params = InterpolationParams { neighbours: 1, planes, ..InterpolationParams::new(1.0) };
         let (index, _) = IrradianceSamples::new(&[own, above], &params);
-        let found = index.irradiance(Vec3::ZERO, Vec3::Y, &mut scratch).0.x;
+        let found = index.irradiance(&Place::new(Vec3::ZERO, Vec3::Y), &mut scratch).0.x;
         // The other one takes its own weight off: e is 2 and 1, or 2 and 5.
         assert!((found - expected).abs() < 1e-5, "planes {planes}: {found}");
     }
 }
 
-/// Doubt is what samples disagree by, over the largest of them, and a tenth of how far they are.
+/// A place in a gap sees near things, and then what lies in the open beside it is far, whatever that sees.
+#[test]
+fn a_gap_takes_its_own_light() {
+    let open = GatherSample { mean_distance: 1.0, ..sample(0.2 * Vec3::X, 9.0) };
+    let gap = GatherSample { mean_distance: 0.05, ..sample(0.1 * Vec3::Z, 1.0) };
+    let params =
+        InterpolationParams { neighbours: 1, clamp_neighbours: false, ..InterpolationParams::new(1.0) };
+    let (index, _) = IrradianceSamples::new(&[open, gap], &params);
+    let mut scratch = SampleScratch::default();
+    let mut found = |mean_distance: f32| {
+        let place = Place { mean_distance, ..Place::new(Vec3::ZERO, Vec3::Y) };
+        (index.irradiance(&place, &mut scratch).0.x, index.doubt(&place, &mut scratch))
+    };
+    // e of open and gap: 0.2 and 2, or 4 and 2, or, at the least R of a thousandth, 200 and 100.
+    for (distance, light, least) in [
+        (f32::INFINITY, 9.0, 0.2),
+        (f32::NAN, 9.0, 0.2),
+        (1.0, 9.0, 0.2),
+        (0.05, 1.0, 2.0),
+        (0.0, 1.0, 100.0),
+        (-1.0, 1.0, 100.0),
+    ] {
+        let (irradiance, doubt) = found(distance);
+        assert_eq!(irradiance, light, "a place of R {distance}");
+        assert!((doubt - 0.05 * least).abs() < 1e-5 * least, "a place of R {distance}: doubt {doubt}");
+    }
+}
+
+/// The nearest of all samples by the published error, whatever was asked before.
+#[test]
+fn the_search_misses_nothing() {
+    let mut random = Random::new(5, 0, 0);
+    let mut any = || Vec3::new(random.f32(), random.f32(), random.f32());
+    let samples: Vec<_> = (0..300)
+        .map(|_| {
+            let normal = (any() - 0.5).normalize();
+            GatherSample {
+                normal,
+                mean_distance: any().x.powi(3),
+                ..sample(any().round() * 0.9 + 0.1 * any(), 1.0)
+            }
+        })
+        .collect();
+    let params = InterpolationParams { clamp_neighbours: false, ..InterpolationParams::new(1.0) };
+    let (index, _) = IrradianceSamples::new(&samples, &params);
+    let mut used = SampleScratch::default();
+    for i in 0..500 {
+        let mean_distance = if i % 2 == 0 { f32::INFINITY } else { any().x.powi(2) };
+        let place = Place { mean_distance, ..Place::new(any(), (any() - 0.5).normalize()) };
+        let error = |s: &GatherSample| {
+            let offset = place.position - s.position;
+            let way = offset.length() + params.planes * offset.dot(s.normal).abs();
+            way / s.mean_distance.clamp(1e-3, 1.0).min(mean_distance.max(1e-3))
+                + place.normal.distance(s.normal)
+        };
+        let mut all: Vec<_> = (0..).zip(&samples).map(|(k, s)| (error(s), k)).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut expected: Vec<u32> = all[..4].iter().map(|&(_, k)| k).collect();
+        let shares = index.shares(&place, &mut used).to_vec();
+        assert_eq!(
+            shares,
+            index.shares(&place, &mut SampleScratch::default()),
+            "what was asked before shows"
+        );
+        let mut found: Vec<u32> = shares.iter().map(|share| share.index).collect();
+        found.sort_unstable();
+        expected.sort_unstable();
+        assert_eq!(found, expected, "place {i}");
+    }
+    // A scratch that knows more samples than there are now.
+    let (few, _) = IrradianceSamples::new(&samples[..2], &params);
+    assert_eq!(few.shares(&Place::new(Vec3::ZERO, Vec3::Y), &mut used).len(), 2);
+}
+
+/// Doubt is what samples disagree by, over the largest of them, and a twentieth of how far they are.
 #[test]
 fn doubt_is_disagreement() {
     let params = InterpolationParams { neighbours: 2, ..InterpolationParams::new(1.0) };
     let mut scratch = SampleScratch::default();
     let mut between = |a: f32, b: f32, at: f32| {
         let (index, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, a), sample(Vec3::X, b)], &params);
-        index.doubt(at * Vec3::X, Vec3::Y, &mut scratch)
+        index.doubt(&Place::new(at * Vec3::X, Vec3::Y), &mut scratch)
     };
     // R is 0.5, so e is 1.
-    assert!((between(1.0, 3.0, 0.5) - (1.0f32 / 9.0 + 0.01).sqrt()).abs() < 1e-6);
-    assert!((between(2.0, 2.0, 0.5) - 0.1).abs() < 1e-3 && (between(0.0, 0.0, 0.5) - 0.1).abs() < 1e-6);
+    assert!((between(1.0, 3.0, 0.5) - (1.0f32 / 9.0 + 0.0025).sqrt()).abs() < 1e-6);
+    assert!((between(2.0, 2.0, 0.5) - 0.05).abs() < 1e-3 && (between(0.0, 0.0, 0.5) - 0.05).abs() < 1e-6);
     assert_eq!(between(1.0, 3.0, 0.0), 0.0, "at a sample there is none");
     let (none, _) = IrradianceSamples::new(&[], &params);
-    assert_eq!(none.doubt(Vec3::ZERO, Vec3::Y, &mut scratch), 0.0);
+    assert_eq!(none.doubt(&Place::new(Vec3::ZERO, Vec3::Y), &mut scratch), 0.0);
 }
 
 #[test]
@@ -199,13 +277,13 @@ fn interpolation_at_extremes() {
     let mut scratch = SampleScratch::default();
     let params = InterpolationParams::new(1.0);
     let (none, _) = IrradianceSamples::new(&[], &params);
-    assert_eq!(none.irradiance(Vec3::ZERO, Vec3::Y, &mut scratch).0, Vec3::ZERO);
+    assert_eq!(none.irradiance(&Place::new(Vec3::ZERO, Vec3::Y), &mut scratch).0, Vec3::ZERO);
     let (one, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, 3.0)], &params);
-    assert_eq!(one.irradiance(Vec3::X * 9.0, Vec3::NEG_Y, &mut scratch).0, Vec3::splat(3.0));
+    assert_eq!(one.irradiance(&Place::new(Vec3::X * 9.0, Vec3::NEG_Y), &mut scratch).0, Vec3::splat(3.0));
     // All in one place, and all equally far.
     let same = [sample(Vec3::ZERO, 2.0); 20];
     let (index, _) = IrradianceSamples::new(&same, &params);
-    assert_eq!(index.irradiance(Vec3::X, Vec3::Y, &mut scratch).0, Vec3::splat(2.0));
+    assert_eq!(index.irradiance(&Place::new(Vec3::X, Vec3::Y), &mut scratch).0, Vec3::splat(2.0));
     let bad = GatherSample { irradiance: Vec3::splat(f32::NAN), ..same[0] };
     assert_eq!(IrradianceSamples::new(&[bad, same[0]], &params).1, 1);
     // All-miss and zero distances.
@@ -214,19 +292,22 @@ fn interpolation_at_extremes() {
     for clamp_neighbours in [false, true] {
         let params = InterpolationParams { clamp_neighbours, min_distance: 0.0, ..params };
         let (index, _) = IrradianceSamples::new(&[far, near], &params);
-        assert!(index.irradiance(Vec3::X * 0.5, Vec3::Y, &mut scratch).0.is_finite());
+        assert!(index.irradiance(&Place::new(Vec3::X * 0.5, Vec3::Y), &mut scratch).0.is_finite());
     }
     // Gradients: to first order, no farther than R, here 0.5; no steeper than the split sphere's, and cut off at zero.
     let params = InterpolationParams { gradients: true, neighbours: 1, ..params };
     let (index, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, 1.0)], &params);
-    assert_eq!(index.irradiance(Vec3::X * 0.5, Vec3::Y, &mut scratch), (Vec3::splat(1.5), Vec3::ZERO));
-    assert_eq!(index.irradiance(Vec3::X * -2.0, Vec3::Y, &mut scratch).0, Vec3::splat(0.5));
+    assert_eq!(
+        index.irradiance(&Place::new(Vec3::X * 0.5, Vec3::Y), &mut scratch),
+        (Vec3::splat(1.5), Vec3::ZERO)
+    );
+    assert_eq!(index.irradiance(&Place::new(Vec3::X * -2.0, Vec3::Y), &mut scratch).0, Vec3::splat(0.5));
     let steep = GatherSample { translation: [Vec3::X * 100.0; 3], ..sample(Vec3::ZERO, 1.0) };
     let (index, _) = IrradianceSamples::new(&[steep], &params);
-    let (irradiance, below) = index.irradiance(Vec3::X * -2.0, Vec3::Y, &mut scratch);
+    let (irradiance, below) = index.irradiance(&Place::new(Vec3::X * -2.0, Vec3::Y), &mut scratch);
     assert!(irradiance == Vec3::ZERO && (below.x - (4.0 / PI - 1.0)).abs() < 1e-5, "{below}");
     let turned = GatherSample { rotation: [Vec3::X * 100.0; 3], ..sample(Vec3::ZERO, 1.0) };
     let (index, _) = IrradianceSamples::new(&[turned], &params);
-    let (irradiance, _) = index.irradiance(Vec3::ZERO, Vec3::Z, &mut scratch);
+    let (irradiance, _) = index.irradiance(&Place::new(Vec3::ZERO, Vec3::Z), &mut scratch);
     assert!((irradiance.x - (1.0 + core::f32::consts::SQRT_2)).abs() < 1e-5, "{irradiance}");
 }

@@ -3,6 +3,7 @@
 
 mod gathering;
 mod maps;
+mod nearness;
 mod sparse;
 
 use std::sync::{Mutex, PoisonError};
@@ -80,7 +81,7 @@ pub(super) const GATHER_KEYS: [Key; 10] =
     [PHOTONS, CAUSTICS, CAUSTIC_RADIUS, NEAREST, AREA, FLATTEN, RAYS, DIRECT, LIGHTS, trees::BUILDER];
 
 /// Dials of `photoncut`.
-pub(super) const PHOTONCUT_KEYS: [Key; 25] = [
+pub(super) const PHOTONCUT_KEYS: [Key; 27] = [
     PHOTONS,
     CAUSTICS,
     CAUSTIC_RADIUS,
@@ -132,6 +133,18 @@ pub(super) const PHOTONCUT_KEYS: [Key; 25] = [
         default: "0.5",
         range: Range::Number(0.0, 0.95),
         trades: "share of the points that is chosen where what the others foretell disagrees: gaps, creases and edges, for coarser clusters elsewhere; 0 is the paper's",
+    },
+    Key {
+        name: "finer",
+        default: "2",
+        range: Range::Whole(1, 64),
+        trades: "how many times fewer rays each doubtful point casts, and how many times more of them there are: more finds smaller gaps, for noise",
+    },
+    Key {
+        name: "probes",
+        default: "1",
+        range: Range::Whole(0, 64),
+        trades: "rays of each pixel that ask how near things are, beside those that gather: keeps light out of gaps that no gathered point is in; 0 asks none",
     },
     Key {
         name: "follow",
@@ -277,14 +290,14 @@ impl<Q: Geometry> IndirectLighting<Q> for PhotonLight<'_> {
                         gathering::along_lobes(frame, self.maps, point, self.gloss_rays, rays, memory, counts)
                     } else if let (true, Some(harmonics)) = (point.bsdf.is_glossy(), sparse.harmonics()) {
                         let mut around = RadianceSh::default();
-                        for share in sparse.samples.shares(point.position, point.normal, &mut memory.samples)
-                        {
+                        let place = sparse.nearness.place(point);
+                        for share in sparse.samples.shares(&place, &mut memory.samples) {
                             around.add_scaled(&harmonics[share.index as usize], share.weight);
                         }
                         glossy(point, &around, counts)
                     } else {
                         let (irradiance, cut_off) =
-                            sparse.samples.irradiance(point.position, point.normal, &mut memory.samples);
+                            sparse.samples.irradiance(&sparse.nearness.place(point), &mut memory.samples);
                         let diffuse = diffuse(point);
                         count_cut_off(diffuse * cut_off, point, counts);
                         diffuse * irradiance

@@ -5,18 +5,20 @@ use std::time::Instant;
 use clustering::{ClusterError, ClusterParams, Clusters, Metric, OrientedPoint, Seeding, cluster};
 use glam::Vec3;
 use lighttree::RayQueries;
-use photoncut::{GatherSample, InterpolationParams, IrradianceSamples, RadianceSh};
+use photoncut::{GatherParams, GatherSample, InterpolationParams, IrradianceSamples, RadianceSh};
 use rayon::prelude::*;
 use scene::{
     Camera, Counts, Frame, RenderParams, Requirements, SceneRays, ShadingPoint, camera_path, camera_ray,
 };
 
+use super::nearness::Nearness;
 use super::{Maps, Pool, gathering};
 use crate::settings::Settings;
 
 /// Gathered samples, ready to be interpolated.
 pub(crate) struct Sparse {
     pub(super) samples: IrradianceSamples,
+    pub(super) nearness: Nearness,
     harmonics: Vec<RadianceSh>,
     /// What it took.
     pub(crate) counts: Counts,
@@ -29,8 +31,9 @@ const ROUNDS: u32 = 3;
 type Gathered = (GatherSample, Option<RadianceSh>, Counts);
 
 impl Sparse {
-    /// Clusters what the camera sees in the first sample of each pixel, and gathers at each cluster's representative. Clusters of the frame before, if
-    /// there are any, keep their centres where they still fit; `before` is left with those of this frame.
+    /// Clusters what the camera sees in the first sample of each pixel, and gathers at each cluster's representative, then where what these foretell disagrees: at more points,
+    /// of fewer rays each, since it is places that are missing there. Clusters of the frame before, if there are any, keep their centres where they still fit; `before` is
+    /// left with those of this frame.
     ///
     /// # Errors
     /// If the points cannot be clustered.
@@ -63,6 +66,13 @@ impl Sparse {
         };
         let clustered = start.elapsed().as_secs_f64();
 
+        // Ask how near things are.
+        let start = Instant::now();
+        let mut probes = Counts::default();
+        let size = (params.width, params.height);
+        let nearness = Nearness::probe(frame, size, &points, settings.whole("probes"), &mut probes);
+        let probed = start.elapsed().as_secs_f64();
+
         // Gather at one point of each cluster.
         let interpolation = InterpolationParams {
             neighbours: settings.whole("neighbours"),
@@ -73,39 +83,51 @@ impl Sparse {
         };
         let mut gatherer = Gatherer::new(frame, maps, &points, settings);
         let representatives: Vec<u32> = (0..clusters.len()).map(|k| clusters.representative(k)).collect();
-        gatherer.gather(&representatives);
+        let rays = settings.whole("rays");
+        gatherer.gather(&representatives, rays);
 
         // And where what these foretell disagrees.
         let mut doubted = 0.0;
-        let mut left = doubtful.min(points.len() as u32 - clusters.len() as u32);
+        let finer = settings.whole("finer");
+        let unseen = points.len() as u32 - clusters.len() as u32;
+        let mut left = doubtful.saturating_mul(finer).min(unseen);
         for round in 0..ROUNDS {
             let start = Instant::now();
             let more = left / (ROUNDS - round);
             if more > 0 {
-                let weights = gatherer.doubts(&interpolation, round);
+                let weights = gatherer.doubts(&nearness, &interpolation, round);
                 let chosen = seeding.weighted(&oriented, &weights, more)?;
                 doubted += start.elapsed().as_secs_f64();
-                gatherer.gather(&chosen);
+                gatherer.gather(&chosen, rays.div_ceil(finer));
                 left -= more;
             }
         }
         counts.add(&gatherer.counts);
+        counts.add(&probes);
 
         // Index the samples.
         let (samples, left_out) = IrradianceSamples::new(&gatherer.samples, &interpolation);
         counts.non_finite += left_out as u64;
         let rounds = clusters.rounds().len();
+        let more = samples.len() - clusters.len();
         eprintln!(
-            "clusters: {} of {} points in {rounds} rounds, {stayed} stayed, and {} more points; camera {seen:.2} s, clusters {clustered:.2} s, doubts {doubted:.2} s, gather {:.2} s, {} of {} look-ups fell back",
+            "clusters: {} of {} points in {rounds} rounds, {stayed} stayed, and {more} more points; camera {seen:.2} s, clusters {clustered:.2} s, probes {probed:.2} s, doubts {doubted:.2} s, gather {:.2} s",
             clusters.len(),
             points.len(),
-            samples.len() - clusters.len(),
             gatherer.seconds,
+        );
+        let every = u64::from(rays) * points.len() as u64;
+        let times = |cast: u64| every as f64 / cast.max(1) as f64;
+        eprintln!(
+            "gather rays: {}, and {} probes: {:.1} times fewer than {rays} at each point, {:.1} times with probes; {} look-ups fell back",
+            gatherer.cast,
+            probes.closest_hit_rays,
+            times(gatherer.cast),
+            times(gatherer.cast + probes.closest_hit_rays),
             counts.fallbacks,
-            counts.closest_hit_rays
         );
         *before = Some(clusters);
-        Ok(Self { samples, harmonics: gatherer.harmonics, counts })
+        Ok(Self { samples, nearness, harmonics: gatherer.harmonics, counts })
     }
 
     /// Harmonics of what comes in, sample by sample, if there are any.
@@ -119,13 +141,14 @@ struct Gatherer<'a> {
     frame: &'a Frame<'a, SceneRays>,
     maps: &'a Maps,
     points: &'a [ShadingPoint],
-    rays: u32,
     /// Of the harmonics; `None`: nothing is glossy.
     window: Option<f32>,
     pool: Pool,
     samples: Vec<GatherSample>,
     harmonics: Vec<RadianceSh>,
     counts: Counts,
+    /// Rays from the points, without those that go on through mirrors and glass.
+    cast: u64,
     seconds: f64,
 }
 
@@ -142,18 +165,18 @@ impl<'a> Gatherer<'a> {
             frame,
             maps,
             points,
-            rays: settings.whole("rays"),
             window: glossy.then(|| settings.number("window").unwrap_or(f32::INFINITY)),
             pool: Pool::default(),
             samples: Vec::new(),
             harmonics: Vec::new(),
             counts: Counts::default(),
+            cast: 0,
             seconds: 0.0,
         }
     }
 
-    /// Adds samples at the points of these indices.
-    fn gather(&mut self, chosen: &[u32]) {
+    /// Adds samples of about `rays` rays at the points of these indices.
+    fn gather(&mut self, chosen: &[u32], rays: u32) {
         let start = Instant::now();
         let first = self.samples.len();
         let gathered: Vec<Gathered> = (0..chosen.len())
@@ -164,7 +187,7 @@ impl<'a> Gatherer<'a> {
                 let mut harmonics = self.window.map(|_| RadianceSh::default());
                 let sample = self.pool.with(|memory| {
                     let (index, sh) = ((first + i) as u32, harmonics.as_mut());
-                    let Self { frame, maps, rays, .. } = *self;
+                    let Self { frame, maps, .. } = *self;
                     gathering::at(frame, maps, point, index, rays, sh, scratch, memory, &mut counts)
                 });
                 (sample, harmonics, counts)
@@ -176,25 +199,26 @@ impl<'a> Gatherer<'a> {
             self.harmonics.extend(sh.map(|sh| sh.windowed(window)));
             self.counts.add(&own);
         }
+        let (rings, sectors) = GatherParams { rays, seed: 0 }.strata();
+        self.cast += chosen.len() as u64 * u64::from(rings * sectors);
         self.seconds += start.elapsed().as_secs_f64();
     }
 
     /// What each point weighs when more are chosen: its squared doubt. A round looks at its own share of the points, and leaves the others at 0.
-    fn doubts(&self, params: &InterpolationParams, round: u32) -> Vec<f32> {
+    fn doubts(&self, nearness: &Nearness, params: &InterpolationParams, round: u32) -> Vec<f32> {
         let (samples, _) = IrradianceSamples::new(&self.samples, params);
         let doubt = |scratch: &mut _, i: usize| {
             if i as u32 % ROUNDS != round {
                 return 0.0;
             }
-            let point = &self.points[i];
-            samples.doubt(point.position, point.normal, scratch).powi(2)
+            samples.doubt(&nearness.places()[i], scratch).powi(2)
         };
         (0..self.points.len()).into_par_iter().map_init(Default::default, doubt).collect()
     }
 }
 
 /// What the first camera sample of each pixel has to have lit, by the same random numbers as when it is rendered.
-fn shading_points(
+pub(super) fn shading_points(
     frame: &Frame<'_, SceneRays>,
     camera: &Camera,
     params: &RenderParams,

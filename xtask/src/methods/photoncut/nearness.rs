@@ -1,0 +1,193 @@
+//! How near things are to what each pixel sees: a ray or two from each of them, pooled with what its neighbours on the same surface found.
+//!
+//! Not in Wang et al. 2009, whose metric knows place and normal alone, so that a ledge a pixel high below a worktop takes the light of the worktop. Pooled harmonic
+//! means are what a gather of as many rays would give; some ten rays are enough to tell a gap from the open.
+
+use core::f32::consts::PI;
+
+use glam::Vec3;
+use lighttree::rng::Random;
+use photoncut::Place;
+use rayon::prelude::*;
+use scene::{Counts, Coverage, Frame, Purpose, SceneRays, ShadingPoint, vertex};
+
+/// Pixels to each side whose rays are pooled.
+const POOL: i32 = 2;
+
+/// Neighbouring pixels whose rays go different ways: as many to a side as the square that is pooled covers at least once.
+const TILE: u32 = 4;
+
+/// Cosine of 25 degrees: what is turned farther is another surface.
+const SAME_WAY: f32 = 0.9;
+
+/// What lies off a surface's plane by more than this share of its distance is another one.
+const SAME_PLANE: f32 = 0.1;
+
+/// No point is seen there.
+const NOTHING: u32 = u32::MAX;
+
+/// Harmonic mean distances of what the points of a view see. Memory: 4 bytes a pixel and 28 a point.
+pub(crate) struct Nearness {
+    size: (u32, u32),
+    /// By pixel.
+    point_of: Vec<u32>,
+    places: Vec<Place>,
+}
+
+impl Nearness {
+    /// From `rays` rays at each point; none: nothing is known anywhere. At most one point to a pixel.
+    pub(super) fn probe(
+        frame: &Frame<'_, SceneRays>,
+        size: (u32, u32),
+        points: &[ShadingPoint],
+        rays: u32,
+        counts: &mut Counts,
+    ) -> Self {
+        let mut point_of = vec![NOTHING; size.0 as usize * size.1 as usize];
+        (0..).zip(points).for_each(|(i, point)| point_of[point.pixel as usize] = i);
+        let places = points.iter().map(|point| Place::new(point.position, point.normal)).collect();
+        let mut nearness = Self { size, point_of, places };
+        if rays == 0 {
+            return nearness;
+        }
+
+        // Ask.
+        let inverse: Vec<(f32, Counts)> = points
+            .par_iter()
+            .map_init(Default::default, |scratch, point| {
+                let mut counts = Counts::default();
+                let mut random = Random::new(frame.seed ^ Purpose::Path.salt(), point.pixel, u32::MAX);
+                let mut sum = 0.0;
+                for ray in 0..rays {
+                    let direction = nearness.direction(point, ray, rays, &mut random);
+                    if point.geometric_normal.dot(direction) > 0.0 {
+                        let ray = point.leave(direction);
+                        let found =
+                            vertex(frame, ray, Coverage::Threshold, &mut random, scratch, &mut counts);
+                        sum += found.map_or(0.0, |v| 1.0 / v.point.position.distance(point.position));
+                    }
+                }
+                (sum / rays as f32, counts)
+            })
+            .collect();
+        inverse.iter().for_each(|(_, own)| counts.add(own));
+
+        // And pool.
+        let pooled = |point: &ShadingPoint| {
+            let (mut sum, mut count) = (0.0, 0.0f32);
+            nearness.around(point.pixel, POOL, |i| {
+                if on_one_surface(point, &nearness.places[i]) {
+                    sum += inverse[i].0;
+                    count += 1.0;
+                }
+            });
+            count / sum
+        };
+        let distances: Vec<f32> = points.par_iter().map(pooled).collect();
+        for (place, distance) in nearness.places.iter_mut().zip(distances) {
+            place.mean_distance = distance;
+        }
+        nearness
+    }
+
+    /// The places of the points, in their order.
+    pub(super) fn places(&self) -> &[Place] {
+        &self.places
+    }
+
+    /// Where any camera sample asks for light: it takes the distance of the nearest point on its surface in the nine pixels around it; where none is on its surface, the
+    /// least of them, for what no first sample saw is small.
+    pub(super) fn place(&self, point: &ShadingPoint) -> Place {
+        let mut nearest = (f32::INFINITY, f32::INFINITY);
+        let mut least = f32::INFINITY;
+        self.around(point.pixel, 1, |i| {
+            let place = &self.places[i];
+            let away = place.position.distance_squared(point.position);
+            if away < nearest.0 && on_one_surface(point, place) {
+                nearest = (away, place.mean_distance);
+            }
+            least = least.min(place.mean_distance);
+        });
+        let mean_distance = if nearest.0.is_finite() { nearest.1 } else { least };
+        Place { mean_distance, ..Place::new(point.position, point.normal) }
+    }
+
+    /// One of the directions that pixels of a tile share out among them: strata of the cosine, and angles by the golden section.
+    fn direction(&self, point: &ShadingPoint, ray: u32, rays: u32, random: &mut Random) -> Vec3 {
+        let (column, row) = (point.pixel % self.size.0, point.pixel / self.size.0);
+        let (tile, number) = (TILE * TILE, column % TILE * TILE + row % TILE);
+        // Next-door strata to pixels that are apart: 7 has no factor in common with 16.
+        let stratum = ray * tile + number * 7 % tile;
+        let strata = (rays * tile) as f32;
+        let u = (stratum as f32 + random.f32()) / strata;
+        let phi = 2.0 * PI * ((number * rays + ray) as f32 * 0.618_034 + random.f32() / strata);
+        let (x, y) = point.normal.any_orthonormal_pair();
+        let (sin, cos) = (u.sqrt(), (1.0 - u).max(0.0).sqrt());
+        (sin * (phi.cos() * x + phi.sin() * y) + cos * point.normal).normalize_or(point.normal)
+    }
+
+    /// Indices of the points in pixels up to `reach` away, row by row.
+    fn around(&self, pixel: u32, reach: i32, mut visit: impl FnMut(usize)) {
+        let (width, height) = (self.size.0 as i32, self.size.1 as i32);
+        let (column, row) = (pixel as i32 % width, pixel as i32 / width);
+        for y in (row - reach).max(0)..=(row + reach).min(height - 1) {
+            for x in (column - reach).max(0)..=(column + reach).min(width - 1) {
+                let i = self.point_of[(y * width + x) as usize];
+                if i != NOTHING {
+                    visit(i as usize);
+                }
+            }
+        }
+    }
+}
+
+/// Whether a place lies on the surface of a point, as far as places and normals tell.
+fn on_one_surface(point: &ShadingPoint, place: &Place) -> bool {
+    let way = place.position - point.position;
+    place.normal.dot(point.normal) > SAME_WAY
+        && way.dot(point.normal).abs() <= SAME_PLANE * way.length() + point.offset
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::{RenderParams, builtin};
+
+    use super::super::sparse::shading_points;
+    use super::*;
+
+    /// One ray a pixel, pooled, tells what a hundred rays tell at each; camera samples that are no first ones are told, too.
+    #[test]
+    fn a_ray_a_pixel_is_enough() {
+        let scene = builtin("cornell").unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        let frame = Frame::new(&scene, &rays, &scene.lights, 1);
+        let params = RenderParams { width: 64, height: 64, ..RenderParams::default() };
+        let (points, ..) = shading_points(&frame, &scene.cameras[0], &params);
+        let (later, ..) =
+            shading_points(&frame, &scene.cameras[0], &RenderParams { first_sample: 1, ..params });
+        let mut counts = Counts::default();
+        let mut probe = |rays| Nearness::probe(&frame, (64, 64), &points, rays, &mut counts);
+        let (none, one, many) = (probe(0), probe(1), probe(100));
+        // Those that lie below the surface are not cast.
+        let each = counts.closest_hit_rays as f64 / points.len() as f64;
+        assert!(each > 100.0 && each <= 101.0, "{each} rays a point");
+        assert!(points.iter().all(|point| none.place(point).mean_distance == f32::INFINITY));
+
+        // The middle one of factors by which distances are off.
+        let off = |wanted: &[f32], found: &dyn Fn(usize) -> f32| {
+            let mut factors: Vec<f32> =
+                wanted.iter().enumerate().map(|(i, &wanted)| (found(i) / wanted).ln().abs()).collect();
+            factors.sort_by(f32::total_cmp);
+            factors[factors.len() / 2]
+        };
+        let truth: Vec<f32> = many.places().iter().map(|place| place.mean_distance).collect();
+        let factor = off(&truth, &|i| one.places()[i].mean_distance);
+        assert!(factor < 0.2, "distances of single rays are off by a factor of e^{factor}");
+        let later_truth: Vec<f32> = later.iter().map(|point| many.place(point).mean_distance).collect();
+        let factor = off(&later_truth, &|i| one.place(&later[i]).mean_distance);
+        assert!(factor < 0.2, "those of later samples are off by a factor of e^{factor}");
+        // And they differ, so that there is something to tell.
+        let spread = off(&truth, &|_| truth[truth.len() / 2]);
+        assert!(spread > 0.25, "{spread}");
+    }
+}

@@ -66,7 +66,9 @@ impl CutInterpMethod<'_> {
         let tolerated = f64::from(self.params.guard * params.threshold) * lit;
         let tree = self.lightcut.tree;
         // In the dark nothing is tolerated: there the number of nodes is what limits a lightcut, too.
-        let mut room = (params.max_nodes as usize).saturating_sub(chosen.len());
+        // Where records' cuts have run into that limit already, a quarter of it is left for what they could not know.
+        let most = params.max_nodes as usize;
+        let mut room = most.saturating_sub(chosen.len()).max(most / 4);
         let mut radiance = DVec3::ZERO;
         let rays_for = |id: LightId| {
             let few = asks_lights_with_area(frame) && !frame.lights[id.0 as usize].is_point();

@@ -2,8 +2,8 @@
 
 use cutinterp::{Canopy, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records, Site};
 use lightcut::Estimate;
-use lighttree::{LightId, NodeId};
 use lighttree::rng::Random;
+use lighttree::{LightId, NodeId};
 use rayon::prelude::*;
 use scene::{BruteForce, Camera, Counts, Frame, Geometry, Purpose, RenderParams, ShadingPoint};
 
@@ -188,16 +188,18 @@ fn exact_cuts<'p, Q: Geometry>(
 ) -> Vec<ExactCut> {
     // Lights with an area come before the virtual ones: no look at each of a million.
     let last_area = frame.lights.iter().rposition(|light| !light.is_point());
-    let asks = asks_lights_with_area(frame);
-    let is_asked = |id: LightId| {
-        let at = id.0 as usize;
-        asks && last_area.is_some_and(|last| at <= last) && !frame.lights[at].is_point()
+    let few = asks_lights_with_area(frame);
+    // Nobody leaves out what points will ask themselves, whatever this record sees of it.
+    let is_asked = |point: &ShadingPoint, id: LightId| {
+        let light = &frame.lights[id.0 as usize];
+        let has_area = last_area.is_some_and(|last| id.0 as usize <= last) && !light.is_point();
+        has_area && (few || light.toward(point.position).points() > 1)
     };
     let one = |scratch: &mut CutScratch<Q>, placed: &Placed| {
         let point = point_of(placed);
         let (cut, counts) = scratch.exact_cut(frame, method, point);
         let nodes =
-            cut.iter().map(|(node, by)| (node, by.seen() >= 0.5 || is_asked(by.light()))).collect();
+            cut.iter().map(|(node, by)| (node, by.seen() >= 0.5 || is_asked(point, by.light()))).collect();
         let lit: f64 = cut.values().iter().map(Estimate::luminance).sum();
         let brightness = lit as f32 * method.representatives.scale() / albedo(point);
         ExactCut { nodes, brightness, counts }

@@ -75,7 +75,7 @@ fn survey(
     }
 }
 
-// 1024 / x, rounded to nearest, ties to even; 0 where that is infinite. Division on a device need not be that exact, and a cell must
+// 1024 / x, rounded to nearest; 0 where that is infinite. Division on a device need not be that exact, and a cell must
 // be the same everywhere.
 fn cells_per(x: f32) -> f32 {
     let bits = bitcast<u32>(x);
@@ -96,7 +96,8 @@ fn cells_per(x: f32) -> f32 {
             quotient |= 1u;
         }
     }
-    if (2u * remainder > divisor || (2u * remainder == divisor && (quotient & 1u) == 1u)) {
+    // No tie: 2^48 would be the divisor times an odd number.
+    if (2u * remainder > divisor) {
         quotient += 1u;
     }
     // 2^10 / x = quotient · 2^(113 - exponent).

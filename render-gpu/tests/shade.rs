@@ -4,10 +4,10 @@ mod common;
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::{Random, pcg4d};
-use lighttree::{LightId, RayQueries, WeightedLight};
+use lighttree::{Emitter, LightId, RayQueries, WeightedLight};
 use render_gpu::Gpu;
 use render_gpu::shade::{RadianceRecord, ShadeKernel, ShadeParams, Shading, SurfaceRecord};
-use scene::{Counts, Frame, RayScratch, RaysParams, SceneRays, ShadingPoint, camera_path, camera_ray};
+use scene::{Counts, Frame, Light, RayScratch, RaysParams, SceneRays, ShadingPoint, camera_path, camera_ray};
 
 use common::scenes::{Uploaded, records, upload, uploaded};
 
@@ -121,12 +121,23 @@ fn differ(device: &[RadianceRecord], host: &[(DVec3, u32, u32)], tolerance: f64)
     device.iter().zip(host).filter(|&pair| is_far(pair)).count()
 }
 
+/// No built-in scene has spots: every third light is one, with a wide ramp.
+fn some_spots(lights: &mut [Light]) {
+    for (i, light) in lights.iter_mut().enumerate().filter(|(i, _)| i % 3 == 1) {
+        let bounds = light.bounds();
+        let axis = Vec3::new(0.3 * (i as f32).sin(), -1.0, 0.2).normalize();
+        let position = 0.5 * (bounds.min + bounds.max) + 0.05 * axis;
+        *light = Light::Spot { position, axis, intensity: Vec3::splat(20.0), cos_inner: 0.9, cos_outer: 0.1 };
+    }
+}
+
 #[test]
 fn surfaces_shine_as_in_the_reference_host() {
     let gpu = gpu_or_skip!();
     // Lambert, GGX and Phong; point lights, spots, triangles.
     for name in ["hall:200", "glossy:200", "cornell", "wall:300"] {
-        let uploaded = uploaded(gpu, name, &RaysParams::default());
+        let mut uploaded = uploaded(gpu, name, &RaysParams::default());
+        some_spots(&mut uploaded.scene.lights);
         let rays = SceneRays::build(&uploaded.scene).unwrap();
         let points = points(&uploaded, &rays);
         let rows = rows(points.len(), uploaded.scene.lights.len() as u32);

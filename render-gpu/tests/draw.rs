@@ -131,7 +131,7 @@ fn shared_cuts_draw_the_lights_that_the_cpu_draws() {
         }
     }
     let buffer = gpu.upload("receivers", &pixels).unwrap();
-    let guard = Some(Guard { min_normal_cos: 0.2, max_distance: 2.0, ..Guard::default() });
+    let guard = Some(Guard { min_normal_cos: 0.2, max_distance: 0.8, ..Guard::default() });
     let eye = [10.0, -5.0, 1.5];
     let mut admitted = [0; 2];
     for (block, interleave, nodes, per_node, frame, guard) in [

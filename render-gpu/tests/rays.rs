@@ -256,6 +256,28 @@ fn empty_and_degenerate_geometry_is_answered() {
     assert_eq!(hit(&Geometry { meshes: &[mesh], instances: None }), Some(0));
 }
 
+/// A thousandth before the wall and a thousandth beyond it, along an axis and aslant; rays with an end likewise.
+#[test]
+fn segments_and_rays_end_where_they_end() {
+    let gpu = gpu_or_skip!();
+    let wall = [[Vec3::new(-9.0, -9.0, 0.0), Vec3::new(9.0, -9.0, 0.0), Vec3::new(0.0, 18.0, 0.0)]];
+    let nodes = [BinaryNode { min: [0.0; 3], count: 1, max: [0.0; 3], first: 0 }];
+    let mesh = MeshGeometry { triangles: &wall, tree: BinaryTree { nodes: &nodes, order: &[0] } };
+    let geometry = RayGeometry::new(gpu, &Geometry { meshes: &[mesh], instances: None }).unwrap();
+    let mut device = DeviceRays::new(gpu, geometry).unwrap();
+    let from = Vec3::new(0.3, 0.4, 2.0);
+    for wall_at in [Vec3::new(0.3, 0.4, 0.0), Vec3::new(-2.0, 3.0, 0.0)] {
+        let reaches = [0.5, 0.999, 1.001, 3.0];
+        let segments = reaches.map(|reach| Segment { from, to: from.lerp(wall_at, reach) });
+        let rays = reaches.map(|t_max| Ray { origin: from, direction: wall_at - from, t_max });
+        let (mut occluded, mut hits) = ([false; 4], [None; 4]);
+        device.occluded_batch(&segments, &mut occluded).unwrap();
+        device.closest_batch(&rays, &mut hits).unwrap();
+        assert_eq!(occluded, [false, false, true, true]);
+        assert_eq!(hits.map(|hit| hit.is_some()), [false, false, true, true]);
+    }
+}
+
 #[test]
 fn what_is_wrong_with_geometry_is_named() {
     let gpu = gpu_or_skip!();

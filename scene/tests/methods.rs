@@ -345,3 +345,52 @@ fn textured_emitters() {
     let mean = render(&flat_frame, &camera, &params(32, 32, 64), &BruteForce, &NoIndirect, &()).unwrap();
     assert!(apart(&blocks(&mean), &direct) > 0.1);
 }
+
+/// Lights drawn by a tree that knows a textured emitter by its mean alone converge to the picture of all lights with their textures: sixteen times the samples, about a quarter of the distance.
+#[test]
+fn textured_emitters_through_a_tree_converge() {
+    let mut scene = Scene::default();
+    floor(&mut scene, 4.0, lambert(Vec3::splat(0.5)));
+    let texels = (0..64).map(|i| if i % 8 < 2 { [255, 128, 0, 255] } else { [0, 0, 20, 255] }).collect();
+    scene.textures.push(Texture { width: 8, height: 8, texels, srgb: true, ..Texture::default() });
+    let slot = TextureSlot { texture: 0, uv_set: 0, transform: glam::Affine2::IDENTITY };
+    for i in 0..36u8 {
+        let (x, y, z) = (f32::from(i % 6) - 2.5, f32::from(i / 6) - 2.5, 0.3 + 0.2 * f32::from(i % 5));
+        let c = |dx: f32, dy: f32| Vec3::new(x + dx, y + dy, z);
+        let strength = 1.0 + f32::from(i % 7);
+        let material = Material { emissive_texture: Some(slot), ..emitter(Vec3::splat(strength)) };
+        add_quad(&mut scene, [c(-0.3, -0.3), c(-0.3, 0.3), c(0.3, 0.3), c(0.3, -0.3)], material);
+        let panel = scene.meshes.last_mut().unwrap();
+        panel.uvs = vec![Vec2::ZERO, Vec2::Y, Vec2::ONE, Vec2::X];
+    }
+    scene.lights.clear();
+    scene.add_emissive_triangles();
+    assert_eq!(scene.lights.len(), 72);
+    let rays = SceneRays::build(&scene).unwrap();
+    let camera = Camera::look_at("side", Vec3::new(0.0, -6.0, 3.0), Vec3::ZERO, Vec3::Z, 0.7);
+    let tree = LightTree::build(&scene.lights, &BuildParams::default()).unwrap();
+    let drawn = Drawn(Walked { sampler: TreeSampler::new(&tree), samples: 1 });
+
+    // The same camera samples, other lights.
+    let frame = Frame::new(&scene, &rays, &scene.lights, 1);
+    let apart = |spp: u32| {
+        let truth = render(&frame, &camera, &params(24, 24, spp), &BruteForce, &NoIndirect, &()).unwrap();
+        let drawn = render(&frame, &camera, &params(24, 24, spp), &drawn, &NoIndirect, &()).unwrap();
+        let pairs = truth.film.pixels.iter().zip(&drawn.film.pixels);
+        let squared: f32 = pairs.map(|(a, b)| (a - b).length_squared()).sum();
+        let bias = brightness(&drawn) / brightness(&truth) - 1.0;
+        (squared.sqrt(), bias)
+    };
+    let ((few, _), (many, bias)) = (apart(16), apart(256));
+    assert!((2.5..6.5).contains(&(few / many)), "16 samples: {few}, 256: {many}");
+    assert!(bias.abs() < 0.01, "{bias}");
+
+    // Negative control: the mean radiance everywhere is another picture.
+    let mut flat = scene.clone();
+    flat.materials.iter_mut().for_each(|material| material.emissive_texture = None);
+    let flat_frame = Frame::new(&flat, &rays, &flat.lights, 1);
+    let flat = render(&flat_frame, &camera, &params(24, 24, 256), &BruteForce, &NoIndirect, &()).unwrap();
+    let truth = render(&frame, &camera, &params(24, 24, 256), &BruteForce, &NoIndirect, &()).unwrap();
+    let pairs = truth.film.pixels.iter().zip(&flat.film.pixels);
+    assert!(pairs.map(|(a, b)| (a - b).length_squared()).sum::<f32>().sqrt() > 3.0 * many);
+}

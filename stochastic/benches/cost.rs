@@ -14,7 +14,10 @@ use common::{Lamp, classes};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use glam::Vec3;
 use lighttree::rng::{Decisions, Random};
-use lighttree::{BuildParams, LambertReceiver, LightBounds, LightSample, LightTree, WalkFrom, Walks};
+use lighttree::{
+    BuildParams, LambertReceiver, LightBounds, LightHierarchy, LightSample, LightTree, MortonBits,
+    PerfectTree, WalkFrom, Walks,
+};
 use stochastic::{CutParams, CutSampler, Selection};
 
 /// Points of a block, and blocks.
@@ -69,9 +72,9 @@ struct Batch {
 }
 
 /// Everything for all points; `each` gets the number of the point, the light and its probability within its subtree.
-fn draw(
+fn draw<T: LightHierarchy>(
     mode: Mode,
-    sampler: &CutSampler<'_, LightTree>,
+    sampler: &CutSampler<'_, T>,
     root: &[lighttree::NodeId],
     nodes: u32,
     blocks: &[Vec<LambertReceiver>],
@@ -124,9 +127,9 @@ fn draw(
 }
 
 /// Mean squared error relative to the truth, over a few independent rounds.
-fn relative_error(
+fn relative_error<T: LightHierarchy>(
     mode: Mode,
-    sampler: &CutSampler<'_, LightTree>,
+    sampler: &CutSampler<'_, T>,
     root: &[lighttree::NodeId],
     nodes: u32,
     blocks: &[Vec<LambertReceiver>],
@@ -159,10 +162,9 @@ fn cpu_time() -> Duration {
 
 fn main() {
     let mut c = Criterion::default().configure_from_args();
-    let whole = std::env::args().any(|argument| argument == "--bench");
     let blocks: Vec<_> = (0..BLOCKS).map(block).collect();
     println!(
-        "{:<20}{:>10}{:>10}{:>10}{:>14}{:>10}{:>10}{:>12}{:>10}{:>10}{:>10}",
+        "{:<24}{:>10}{:>10}{:>10}{:>14}{:>10}{:>10}{:>12}{:>10}{:>10}{:>10}",
         "lights, subtrees",
         "tree M/s",
         "own M/s",
@@ -175,7 +177,7 @@ fn main() {
         "MSE own",
         "MSE shared"
     );
-    for count in if whole { [100_000, 1_000_000] } else { [1000, 2000] } {
+    for count in if is_whole() { [100_000, 1_000_000] } else { [1000, 2000] } {
         let lamps = std::mem::take(&mut classes(count, 1)[1].lamps);
         let bounds: Vec<LightBounds> = lamps.iter().map(Lamp::bounds).collect();
         let tree = LightTree::build(&bounds, &BuildParams::saoh()).expect("finite lights");
@@ -184,67 +186,86 @@ fn main() {
             let all = |point: &LambertReceiver| lamps.iter().map(|lamp| lamp.contribution(point)).sum();
             points.clone().map(all).collect()
         });
-        for nodes in [4, 8, 16, 32] {
-            let sampler = CutSampler::new(&tree, CutParams::with_nodes(nodes));
-            let root: Vec<_> = lighttree::Hierarchy::root(&tree).into_iter().collect();
-            let run = |mode| {
-                draw(mode, &sampler, &root, nodes, &blocks, 1, |_, light, pmf| {
-                    black_box((light, pmf));
-                });
-            };
-            let modes = [
-                Mode::Tree,
-                Mode::Own,
-                Mode::Shared,
-                Mode::TreeTogether,
-                Mode::OwnTogether,
-                Mode::SharedTogether,
-                Mode::Select,
-            ];
-            let mut best = [Duration::MAX; 7];
-            for _ in 0..if whole { 9 } else { 1 } {
-                for (mode, best) in modes.iter().zip(&mut best) {
-                    let start = cpu_time();
-                    run(*mode);
-                    *best = (*best).min(cpu_time() - start);
-                }
-            }
-            let samples = f64::from(BLOCK * BLOCKS * nodes);
-            let [.., own_together, shared_together, select] = best.map(|time| time.as_secs_f64());
-            let [of_tree, own, shared, tree_together, ..] =
-                best.map(|time| samples / time.as_secs_f64() / 1e6);
-            let rate = |seconds: f64| samples / seconds / 1e6;
-            let error = |mode| {
-                let known = |t: &Vec<f64>| {
-                    let error = relative_error(mode, &sampler, &root, nodes, &blocks, &lamps, t);
-                    format!("{error:.4}")
-                };
-                truth.as_ref().map_or_else(String::new, known)
-            };
-            println!(
-                "{:<20}{of_tree:>10.2}{own:>10.2}{shared:>10.2}{tree_together:>14.2}{:>10.2}{:>10.2}{:>12.2}{:>10.1}{:>10}{:>10}   (tree: {})",
-                format!("{count}, {nodes}"),
-                rate(own_together),
-                rate(shared_together),
-                100.0 * select / shared_together,
-                100.0 * (1.0 - shared_together / own_together),
-                error(Mode::OwnTogether),
-                error(Mode::SharedTogether),
-                error(Mode::Tree),
-            );
-            let mut group = c.benchmark_group(format!("cuts/{count}"));
-            group
-                .sample_size(10)
-                .warm_up_time(Duration::from_millis(100))
-                .measurement_time(Duration::from_millis(300));
-            group.throughput(Throughput::Elements(samples as u64));
-            let timed =
-                [("tree", Mode::TreeTogether), ("own", Mode::OwnTogether), ("shared", Mode::SharedTogether)];
-            for (name, mode) in timed {
-                group.bench_function(BenchmarkId::new(name, nodes), |b| b.iter(|| run(mode)));
-            }
-            group.finish();
-        }
+        table(&mut c, "saoh", &tree, &blocks, &lamps, truth.as_deref());
+        drop(tree);
+        let tree = PerfectTree::build(&bounds, MortonBits::SixtyThree).expect("finite lights");
+        table(&mut c, "perfect", &tree, &blocks, &lamps, truth.as_deref());
     }
     c.final_summary();
+}
+
+/// The rows of one tree.
+fn table<T: LightHierarchy>(
+    c: &mut Criterion,
+    name: &str,
+    tree: &T,
+    blocks: &[Vec<LambertReceiver>],
+    lamps: &[Lamp],
+    truth: Option<&[f64]>,
+) {
+    for nodes in [4, 8, 16, 32] {
+        let sampler = CutSampler::new(tree, CutParams::with_nodes(nodes));
+        let root: Vec<_> = lighttree::Hierarchy::root(tree).into_iter().collect();
+        let run = |mode| {
+            draw(mode, &sampler, &root, nodes, blocks, 1, |_, light, pmf| {
+                black_box((light, pmf));
+            });
+        };
+        let modes = [
+            Mode::Tree,
+            Mode::Own,
+            Mode::Shared,
+            Mode::TreeTogether,
+            Mode::OwnTogether,
+            Mode::SharedTogether,
+            Mode::Select,
+        ];
+        let mut best = [Duration::MAX; 7];
+        for _ in 0..if is_whole() { 9 } else { 1 } {
+            for (mode, best) in modes.iter().zip(&mut best) {
+                let start = cpu_time();
+                run(*mode);
+                *best = (*best).min(cpu_time() - start);
+            }
+        }
+        let samples = f64::from(BLOCK * BLOCKS * nodes);
+        let [.., own_together, shared_together, select] = best.map(|time| time.as_secs_f64());
+        let [of_tree, own, shared, tree_together, ..] = best.map(|time| samples / time.as_secs_f64() / 1e6);
+        let rate = |seconds: f64| samples / seconds / 1e6;
+        let error = |mode| {
+            let known = |t: &[f64]| {
+                let error = relative_error(mode, &sampler, &root, nodes, blocks, lamps, t);
+                format!("{error:.4}")
+            };
+            truth.map_or_else(String::new, known)
+        };
+        println!(
+            "{:<24}{of_tree:>10.2}{own:>10.2}{shared:>10.2}{tree_together:>14.2}{:>10.2}{:>10.2}{:>12.2}{:>10.1}{:>10}{:>10}   (tree: {})",
+            format!("{}, {name}, {nodes}", lamps.len()),
+            rate(own_together),
+            rate(shared_together),
+            100.0 * select / shared_together,
+            100.0 * (1.0 - shared_together / own_together),
+            error(Mode::OwnTogether),
+            error(Mode::SharedTogether),
+            error(Mode::Tree),
+        );
+        let mut group = c.benchmark_group(format!("cuts/{}/{name}", lamps.len()));
+        group
+            .sample_size(10)
+            .warm_up_time(Duration::from_millis(100))
+            .measurement_time(Duration::from_millis(300));
+        group.throughput(Throughput::Elements(samples as u64));
+        let timed =
+            [("tree", Mode::TreeTogether), ("own", Mode::OwnTogether), ("shared", Mode::SharedTogether)];
+        for (mode_name, mode) in timed {
+            group.bench_function(BenchmarkId::new(mode_name, nodes), |b| b.iter(|| run(mode)));
+        }
+        group.finish();
+    }
+}
+
+/// Whether it is a benchmark, and not a test that it runs.
+fn is_whole() -> bool {
+    std::env::args().any(|argument| argument == "--bench")
 }

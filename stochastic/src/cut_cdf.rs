@@ -208,8 +208,8 @@ impl NodeCdf {
         if !is_usual {
             total = sum_in_lanes(weights, |w| usable(w) * HUGE_SCALE);
         }
-        let positive = weights.iter().filter(|&&w| usable(w) > 0.0).count() as u32;
-        let count = if shared { weights.len() as u32 } else { positive };
+        let positive = || weights.iter().filter(|&&w| usable(w) > 0.0).count() as u32;
+        let count = if shared { weights.len() as u32 } else { positive() };
         self.cumulative.clear();
         if count == 0 {
             return;

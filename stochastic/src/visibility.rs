@@ -130,6 +130,20 @@ impl Phases {
     }
 }
 
+/// Sums of the weights and of weight × factor, eight at a time: one after the other each would wait for the one before.
+fn sums_in_lanes(weights: &[f32], factors: &[f32]) -> (f32, f32) {
+    let ((w, w_rest), (f, f_rest)) = (weights.as_chunks::<8>(), factors.as_chunks::<8>());
+    let (mut plain, mut learned) = ([0.0f32; 8], [0.0f32; 8]);
+    for (w, f) in w.iter().zip(f) {
+        for i in 0..8 {
+            plain[i] += w[i];
+            learned[i] += w[i] * f[i];
+        }
+    }
+    let rest = w_rest.iter().zip(f_rest).fold((0.0, 0.0), |(p, l), (w, f)| (p + w, l + w * f));
+    (plain.iter().sum::<f32>() + rest.0, learned.iter().sum::<f32>() + rest.1)
+}
+
 /// What is learned about one cut, and what of it the distributions of this phase know.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Learning {
@@ -158,11 +172,7 @@ impl Learning {
         if self.factors.is_empty() {
             return None;
         }
-        let (mut plain, mut learned) = (0.0f32, 0.0f32);
-        for (w, f) in weights.iter().zip(&self.factors) {
-            plain += w;
-            learned += w * f;
-        }
+        let (plain, learned) = sums_in_lanes(weights, &self.factors);
         let (own, rest) = if learned > 0.0 && learned < f32::INFINITY && plain < f32::INFINITY {
             ((1.0 - defensive) * (plain / learned), defensive)
         } else {

@@ -1,5 +1,9 @@
 //! Linked and negative lights, by the exact oracle.
 
+#[path = "common/draws.rs"]
+mod draws;
+
+use draws::draws;
 use glam::Vec3;
 use lighttree::conformance::{SamplerCheck, check_sampler};
 use lighttree::oracle::Distribution;
@@ -55,7 +59,8 @@ fn check_links<T: LightHierarchy>(tree: &T, lights: &[LightBounds], masks: &[u32
         let counted = |light: LightId| {
             if is_linked(light) { contribution(&lights[light.0 as usize]) } else { 0.0 }
         };
-        let check = SamplerCheck { lights: lights.len() as u32, samples: 5_000, seed: 4, significance: 1e-4 };
+        let check =
+            SamplerCheck { lights: lights.len() as u32, samples: draws(5_000), seed: 4, significance: 1e-4 };
         check_sampler(&sampler, &FLOOR, counted, &check).unwrap();
         for light in (0..lights.len() as u32).map(LightId).filter(|&light| !is_linked(light)) {
             assert_eq!(lighttree::LightSampler::pmf(&sampler, &FLOOR, light), 0.0);

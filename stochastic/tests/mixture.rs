@@ -1,5 +1,9 @@
 //! Lights without a place beside those of a tree: each class has its chance, and together they are unbiased.
 
+#[path = "common/draws.rs"]
+mod draws;
+
+use draws::draws;
 use glam::{DVec3, Vec3};
 use lighttree::conformance::{SamplerCheck, check_sampler};
 use lighttree::oracle::Distribution;
@@ -52,7 +56,8 @@ fn every_share_keeps_both_classes_and_conforms() {
             Some(lamp) => from_lamp(lamp, &receiver),
             None => from_sun((light.0 - LAMPS) as usize, &receiver),
         };
-        let check = SamplerCheck { lights: LAMPS + 2, samples: 20_000, seed: 1 + i, significance: 1e-4 };
+        let check =
+            SamplerCheck { lights: LAMPS + 2, samples: draws(20_000), seed: 1 + i, significance: 1e-4 };
         let suns = UniformSampler { count: 2 };
         // Including those that would lose a class.
         for share in [0.5, 0.9, 0.0, 1.0, -3.0, f64::NAN] {

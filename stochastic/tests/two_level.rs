@@ -1,7 +1,11 @@
 //! Two-level trees: every kind of transform against the same lights flattened into world space.
 
+#[path = "common/draws.rs"]
+mod draws;
+
 use core::f32::consts::PI;
 
+use draws::draws;
 use glam::{Affine3A, DMat3, Mat3, Quat, Vec3};
 use lighttree::conformance::{SamplerCheck, check_hierarchy, check_sampler};
 use lighttree::oracle::Distribution;
@@ -125,7 +129,7 @@ fn contribution(light: &TriangleLight, receiver: &AnyReceiver, u: [f32; 2]) -> f
 const MIDDLE: [f32; 2] = [0.44, 0.5];
 
 fn check(lights: usize) -> SamplerCheck {
-    SamplerCheck { lights: lights as u32, samples: 20_000, seed: 5, significance: 1e-5 }
+    SamplerCheck { lights: lights as u32, samples: draws(20_000), seed: 5, significance: 1e-5 }
 }
 
 #[test]

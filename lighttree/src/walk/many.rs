@@ -6,6 +6,7 @@
 //! division) the next ones' work hides. A sample has the light and the probability that a walk alone would have found from
 //! the same number.
 
+use core::hint::black_box;
 use core::ops::Range;
 
 use super::choice::Fork;
@@ -79,7 +80,23 @@ impl WalkFrom {
     }
 }
 
+/// Groups whose nodes are asked of the memory together, before any of them is weighed.
+const AHEAD: usize = 32;
+
 impl<T: LightHierarchy> TreeSampler<'_, T> {
+    /// Reads a little of the nodes that these groups have come to, and forgets it: so many loads in so few instructions that the processor waits for all of them
+    /// at once, where weighing would wait for one pair after the other.
+    #[inline]
+    fn touch(&self, groups: &[Group]) {
+        let mut read = 0;
+        for group in groups {
+            let (a, b) = self.siblings(group.first);
+            // Wherever the two lie, they are in no other lines than these.
+            read ^= a.intensity.to_bits() ^ b.intensity.to_bits() ^ b.max.z.to_bits();
+        }
+        black_box(read);
+    }
+
     /// [`sample_below`](Self::sample_below) for many walks together, each from a node and with a number of its own: `out[i]` is what the walk
     /// `from[i]` found. Returns how many nodes' bounds were looked at.
     ///
@@ -219,6 +236,9 @@ impl<T: LightHierarchy, R: Receiver> Descent<'_, '_, T, R> {
         forks.resize(groups.len(), Fork::Dead);
         let mut waiting: Option<usize> = None;
         for (i, group) in groups.iter().enumerate() {
+            if i % AHEAD == 0 {
+                sampler.touch(&groups[i..groups.len().min(i + AHEAD)]);
+            }
             let viewpoint = viewpoints[group.receiver as usize].as_ref();
             if !viewpoint.is_some_and(Viewpoint::has_lobes) {
                 let receiver = &receivers[group.receiver as usize];

@@ -443,6 +443,28 @@ fn surfaces_that_scatter_otherwise_get_distributions_of_their_own() {
     assert_eq!(built_after(&narrow, &pane(view + 1e-3, 0.021)), (1, false));
 }
 
+/// A light below the horizon of the receiver that a distribution was made for may be above that of another which draws from it, too.
+#[test]
+fn receivers_that_share_a_distribution_can_draw_every_light() {
+    let lights: Vec<_> =
+        (0..20).map(|i| LightBounds::point(Vec3::new(1.0, 0.1 * i as f32, -0.1), 1.0)).collect();
+    let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+    let floor = LambertReceiver { position: Vec3::ZERO, normal: Vec3::Z, albedo: 0.5 };
+    let tilted = LambertReceiver { normal: Vec3::new(0.25, 0.0, 1.0).normalize(), ..floor };
+    let mut block = BlockCdfs::default();
+    block.begin(1, None);
+    block.begin_pass(&tree, 20, [(floor.position, floor.normal), (tilted.position, tilted.normal)], None);
+
+    assert!(block.prepare(0, &floor, floor.normal).weights.contains(&0.0), "some are below the horizon");
+    let Prepared { cut, cdf, .. } = block.prepare(0, &tilted, tilted.normal);
+    let sampler = CutCdf { walk: &TreeSampler::new(&tree), cut, cdf };
+    for light in (0..20).map(LightId) {
+        assert!(point_contribution(&lights[light.0 as usize], &tilted) > 0.0, "seen: {light:?}");
+        assert!(sampler.pmf(&tilted, light) > 0.0, "{light:?} is lost");
+    }
+    assert_eq!(block.built(), 1, "they share one");
+}
+
 /// Of nodes seen by lobes from wide to narrow, some at grazing views: the weight is about the mean of what the surface makes of points of the box. Boxes are flat, as
 /// those of windows and walls; a sphere around them missed the mean by more than ten times.
 #[test]

@@ -163,19 +163,18 @@ impl BlockCdfs {
         let lobes = receiver.lobes();
         let ways = &self.entries[WAYS * pixel..WAYS * (pixel + 1)];
         let current = self.phases.phase() + 1;
-        let found = ways
-            .iter()
-            .position(|entry| entry.phase == current && entry.serves(position, normal, lobes.as_ref()));
-        let index = WAYS * pixel
-            + found.unwrap_or_else(|| {
-                // In place of one that is out of date, or else of the second: the first is what most samples see.
-                ways.iter().position(|entry| entry.phase != current).unwrap_or(WAYS - 1)
-            });
+        let first = |fits: &dyn Fn(&Entry) -> bool| ways.iter().position(fits);
+        let serves = |entry: &Entry| entry.phase != 0 && entry.serves(position, normal, lobes.as_ref());
+        let found = first(&|entry| entry.phase == current && serves(entry));
+        // Otherwise in place of its own of the phase before, whose estimates still hold, of another that is out of date, or of
+        // the second: the first is what most samples see.
+        let known = found.or_else(|| first(&serves));
+        let index =
+            WAYS * pixel + known.or_else(|| first(&|entry| entry.phase != current)).unwrap_or(WAYS - 1);
         if found.is_none() {
             self.built += 1;
             let entry = &mut self.entries[index];
-            let is_known = entry.phase != 0 && entry.serves(position, normal, lobes.as_ref());
-            if !is_known {
+            if known.is_none() {
                 let estimate = self.cut.records.estimate(receiver, &mut entry.weights);
                 entry.same_squared = SAME_PLACE / estimate.inverse_squared;
                 (entry.position, entry.normal, entry.lobes) = (position, normal, lobes);

@@ -76,7 +76,7 @@ pub struct SpotLight {
     pub position: Vec3,
     /// Direction of the cone's axis; its length does not matter.
     pub axis: Vec3,
-    /// Angle from the axis up to which the intensity is full, radians, at most `outer_angle`.
+    /// Angle from the axis up to which the intensity is full, radians; more than `outer_angle` counts as that.
     pub inner_angle: f32,
     /// Angle from the axis at which it has fallen to 0, radians, at most π.
     pub outer_angle: f32,
@@ -149,10 +149,11 @@ impl SpotLight {
     /// Part of the intensity that is sent at an angle of that cosine to the axis, in [0, 1].
     pub fn falloff(&self, cos: f64) -> f64 {
         let (inner, outer) = (f64::from(self.inner_angle).cos(), f64::from(self.outer_angle).cos());
-        if cos >= inner {
-            1.0
-        } else if cos <= outer {
+        // The outer angle first: beyond it there must be nothing, or bounds would not hold.
+        if cos < outer {
             0.0
+        } else if cos >= inner {
+            1.0
         } else {
             ((cos - outer) / (inner - outer)).powi(2)
         }

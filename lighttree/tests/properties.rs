@@ -53,6 +53,19 @@ fn refined_largest_cos(bounds: &LightBounds, from: Vec3, n: DVec3) -> f64 {
     best
 }
 
+/// A spot whose inner angle is beyond its outer one has a hard rim at the outer one, where its bounds end.
+#[test]
+fn a_spot_ends_at_its_outer_angle() {
+    let spot = lighttree::SpotLight {
+        position: Vec3::ZERO,
+        axis: Vec3::Z,
+        inner_angle: 1.0,
+        outer_angle: 0.5,
+        intensity: 1.0,
+    };
+    assert_eq!((spot.falloff(0.7f64.cos()), spot.falloff(0.4f64.cos())), (0.0, 1.0));
+}
+
 /// Angle between two vectors, exact for small ones, too.
 fn angle(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b))

@@ -128,3 +128,16 @@ fn any_place_has_a_cell() {
         }
     }
 }
+
+/// One cell for all of space has a whole cut, whichever way its receivers face.
+#[test]
+fn an_endless_cell_has_a_whole_cut() {
+    let tree = tree_of(&scattered(500));
+    for side in [f64::INFINITY, 1e60] {
+        for normal in [Vec3::ZERO, Vec3::Z, Vec3::NEG_X] {
+            let mut cells = CellCdfs::default();
+            cells.prepare(&tree, &CellParams::new(side, 64), &floor_receiver(Vec3::ONE), normal);
+            assert_eq!(cells.sampler(&TreeSampler::new(&tree)).cut.nodes().len(), 64, "{side} {normal}");
+        }
+    }
+}

@@ -51,12 +51,16 @@ pub(super) fn cell_key(side: f64, position: Vec3, normal: Vec3) -> CellKey {
 
 impl CellParams {
     fn group(&self, (cube, class): CellKey) -> ReceiverGroup {
+        // As far as f32 has numbers: an endless cell, and those at the end of space.
+        let far = DVec3::splat(f32::MAX.into());
         let low = DVec3::from_array(cube.map(f64::from)) * self.side;
+        let (min, max) = if self.side < f64::INFINITY { (low, low + self.side) } else { (-far, far) };
+        let [min, max] = [min, max].map(|corner| corner.clamp(-far, far).as_vec3());
         let mut mean_normal = Vec3::ZERO;
         if class < 6 {
             mean_normal[usize::from(class / 2)] = if class % 2 == 0 { MEAN_NORMAL } else { -MEAN_NORMAL };
         }
-        ReceiverGroup { min: low.as_vec3(), max: (low + self.side).as_vec3(), mean_normal }
+        ReceiverGroup { min, max, mean_normal }
     }
 }
 

@@ -8,6 +8,7 @@ use crate::aperture::{ApertureTree, Stage};
 use crate::attention::{Attention, Invalid};
 use crate::cut::{Cut, Saved};
 use crate::forest::{Forest, Node, OCTREE, Place};
+use crate::path_numbers::PathNumbers;
 use crate::paths::Paths;
 use crate::schedule::Turns;
 use crate::sums::{GRID, Units};
@@ -28,9 +29,7 @@ pub struct Baker {
     pub(crate) lights: BTreeMap<LightKey, Lamp>,
     /// Owner of the paths from this number on.
     pub(crate) owners: BTreeMap<u32, LightKey>,
-    /// Numbers of paths that have no owner any more: length, first.
-    pub(crate) free_paths: Vec<(u32, u32)>,
-    pub(crate) next_path: u32,
+    pub(crate) numbers: PathNumbers,
     pub(crate) version: GeometryVersion,
     /// Counts edits of any kind.
     pub(crate) edit: u32,
@@ -116,8 +115,7 @@ impl Baker {
             paths: Paths::new(units),
             lights: BTreeMap::new(),
             owners: BTreeMap::new(),
-            free_paths: Vec::new(),
-            next_path: 0,
+            numbers: PathNumbers::default(),
             version: GeometryVersion::default(),
             edit: 0,
             log: EditLog::default(),

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::aperture::ApertureTree;
 use crate::baker::{Baker, Lamp};
 use crate::forest::{NONE, Place};
-use crate::paths::{MAX_PATHS, PathInfo};
+use crate::paths::PathInfo;
 use crate::{BakeError, Bounds, GeometryVersion, Light, LightKey};
 
 /// An object that was moved, bent, added or removed.
@@ -47,7 +47,7 @@ impl Baker {
     /// Replaces a light: moves it, dims it, gives it another profile or aperture. The same aperture and number of paths keep its clusters as they are.
     ///
     /// # Errors
-    /// A light that is none, no light of this name, or more than 2²⁸ paths.
+    /// A light that is none, no light of this name, or more than 2²⁸ paths. Then nothing has changed.
     pub fn set_light(&mut self, key: LightKey, light: Light) -> Result<(), BakeError> {
         light.check().map_err(|error| BakeError::Light { key, error })?;
         let lamp = self.lights.get(&key).ok_or(BakeError::NoLight { key })?;
@@ -62,6 +62,10 @@ impl Baker {
             self.edit += 1;
             self.replace_light(key, light, tree);
         } else {
+            // Not before there is room for the new one.
+            let mut numbers = self.numbers.clone();
+            numbers.give_back(lamp.first_path, lamp.light.paths);
+            numbers.take(light.paths).ok_or(BakeError::TooManyPaths)?;
             self.uproot_light(key)?;
             self.plant_light(key, light)?;
         }
@@ -129,7 +133,8 @@ impl Baker {
 
     fn plant_light(&mut self, key: LightKey, light: Light) -> Result<(), BakeError> {
         self.edit += 1;
-        let first_path = self.take_paths(light.paths).ok_or(BakeError::TooManyPaths)?;
+        let first_path = self.numbers.take(light.paths).ok_or(BakeError::TooManyPaths)?;
+        self.paths.grow(self.numbers.end());
         self.owners.insert(first_path, key);
         let tree = ApertureTree::build(&light, &self.rules.stage);
         // Parents come before children.
@@ -175,16 +180,6 @@ impl Baker {
         }
     }
 
-    /// Numbers for so many paths.
-    fn take_paths(&mut self, count: u32) -> Option<u32> {
-        if let Some(i) = self.free_paths.iter().position(|&(length, _)| length == count) {
-            return Some(self.free_paths.swap_remove(i).1);
-        }
-        let next = self.next_path.checked_add(count).filter(|&next| next <= MAX_PATHS)?;
-        self.paths.grow(next);
-        Some(core::mem::replace(&mut self.next_path, next))
-    }
-
     fn uproot_light(&mut self, key: LightKey) -> Result<(), BakeError> {
         let lamp = self.lights.remove(&key).ok_or(BakeError::NoLight { key })?;
         self.edit += 1;
@@ -198,7 +193,7 @@ impl Baker {
         }
         self.forest.fell(lamp.nodes[0], &mut self.cut);
         self.owners.remove(&lamp.first_path);
-        self.free_paths.push((lamp.light.paths, lamp.first_path));
+        self.numbers.give_back(lamp.first_path, lamp.light.paths);
         Ok(())
     }
 

@@ -44,6 +44,7 @@ mod light;
 pub mod lightmap;
 mod normal_code;
 mod params;
+mod path_numbers;
 mod paths;
 pub mod photometry;
 mod planes;

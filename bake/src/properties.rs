@@ -267,6 +267,46 @@ fn bakes_hold_in_the_midst_of_edits() {
     }
 }
 
+fn lamp(paths: u32, radius: f32) -> Light {
+    Light {
+        aperture: Aperture::Sphere { radius },
+        profile: Profile::Lambert,
+        flux: Vec3::ONE,
+        transform: glam::Affine3A::IDENTITY,
+        paths,
+    }
+}
+
+/// A light that is given other numbers of paths again and again, as one that is dimmed by hand, takes no more room than the largest needs.
+#[test]
+fn numbers_of_paths_are_used_again() {
+    let everywhere = Bounds { min: Vec3::splat(-1.0), max: Vec3::splat(1.0) };
+    let mut baker = Baker::new(BakeParams::new(everywhere, 0.01, group)).unwrap();
+    baker.add_light(LightKey(0), lamp(100, 0.1)).unwrap();
+    baker.add_light(LightKey(1), lamp(50, 0.1)).unwrap();
+    for i in 0..200u32 {
+        baker.set_light(LightKey(0), lamp(1 + i * 37 % 100, 0.1)).unwrap();
+    }
+    baker.remove_light(LightKey(1)).unwrap();
+    baker.add_light(LightKey(2), lamp(150, 0.1)).unwrap();
+    let most = baker.lights.values().map(|lamp| lamp.first_path + lamp.light.paths).max().unwrap();
+    assert!(most <= 300, "{most}");
+}
+
+/// Where there is no room for the paths of another light, the old one stays.
+#[test]
+fn a_light_that_does_not_fit_leaves_the_old_one() {
+    let everywhere = Bounds { min: Vec3::splat(-1.0), max: Vec3::splat(1.0) };
+    let mut baker = Baker::new(BakeParams::new(everywhere, 0.01, group)).unwrap();
+    baker.add_light(LightKey(0), lamp(100, 0.1)).unwrap();
+    baker.numbers.take_all();
+    assert_eq!(baker.set_light(LightKey(0), lamp(101, 0.1)), Err(crate::BakeError::TooManyPaths));
+    assert_eq!(baker.light(LightKey(0)), Some(&lamp(100, 0.1)));
+    check(&baker);
+    baker.set_light(LightKey(0), lamp(99, 0.2)).unwrap();
+    check(&baker);
+}
+
 fn check(baker: &Baker) {
     check_tree(&baker.forest, &baker.paths, OCTREE, baker.params.leaf_members);
     let mut selected = 0;

@@ -436,6 +436,9 @@ fn saved_sums_are_taken_up_again() {
     let mut again = lightmap(&meshes, &params(2.0));
     again.resume(&saved, [&contribution(&light, 0)]).unwrap();
     assert_eq!((again.published().values.clone(), again.live()), (map.published().values.clone(), 1));
+    // What cannot be taken up changes nothing.
+    assert!(again.resume(&saved, [&contribution(&light, 0), &contribution(&light, 7)]).is_err());
+    assert_eq!((again.published().values.clone(), again.live()), (map.published().values.clone(), 1));
     again.apply(&subtract(&light, 0)).unwrap();
     assert!(again.sums().all(|sum| sum == 0));
 }

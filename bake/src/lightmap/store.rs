@@ -276,7 +276,7 @@ impl<R> Lightmap<R> {
     /// [`set_geometry`](Self::set_geometry) before, the current one last.
     ///
     /// # Errors
-    /// An update under way, a wrong number of sums, a contribution under a version that isn't held.
+    /// An update under way, a wrong number of sums, a contribution under a version that isn't held. Then nothing has changed.
     pub fn resume<'a>(
         &mut self,
         sums: &[i64],
@@ -288,10 +288,13 @@ impl<R> Lightmap<R> {
         if sums.len() != self.sums.iter().map(|chunk| chunk.len()).sum::<usize>() {
             return Err(LightmapError::Saved { why: "it has another number of texels" });
         }
-        self.versions.values_mut().for_each(|state| state.live = 0);
-        for Contribution { version, .. } in contributions {
-            let state = self.versions.get_mut(version).ok_or(LightmapError::Version { version: *version })?;
-            state.live += 1;
+        let mut live: BTreeMap<GeometryVersion, u64> =
+            self.versions.keys().map(|&version| (version, 0)).collect();
+        for &Contribution { version, .. } in contributions {
+            *live.get_mut(&version).ok_or(LightmapError::Version { version })? += 1;
+        }
+        for (state, live) in self.versions.values_mut().zip(live.into_values()) {
+            state.live = live;
         }
         let mut rest = sums;
         for chunk in &mut self.sums {

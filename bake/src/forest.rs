@@ -28,7 +28,7 @@ pub(crate) enum Place {
     Piece { light: LightKey, piece: u32 },
 }
 
-/// A node of any of the trees. 168 bytes.
+/// A node of any of the trees. 144 bytes.
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
     pub(crate) place: Place,
@@ -47,6 +47,8 @@ pub(crate) struct Node {
     /// In `stale`.
     is_stale: bool,
 }
+
+const _: () = assert!(size_of::<Node>() == 144);
 
 /// A member of the octree as the forest needs to know it.
 #[derive(Clone, Copy, Debug)]

@@ -41,7 +41,7 @@ impl Units {
     }
 }
 
-/// Sums over the virtual point lights of a cluster and the path segments that leave them. 104 bytes.
+/// Sums over the virtual point lights of a cluster and the path segments that leave them. 96 bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sums {
     /// Members.
@@ -52,7 +52,7 @@ pub(crate) struct Sums {
     pub(crate) hits: u32,
     /// Scalar flux of members.
     pub(crate) flux: i64,
-    /// Flux × normal, 2¹⁰ to the unit of flux / 2¹⁰.
+    /// Flux × normal, in 2¹⁰ units of flux.
     normal: [i64; 3],
     /// Grid positions of members, and their squares.
     position: [i64; 3],
@@ -62,6 +62,8 @@ pub(crate) struct Sums {
     /// Lengths of segments that hit.
     distance: i64,
 }
+
+const _: () = assert!(size_of::<Sums>() == 96);
 
 impl Sums {
     /// A member.

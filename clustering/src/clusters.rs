@@ -18,7 +18,7 @@ pub struct Round {
 
 /// A partition of points: every point is in exactly one cluster, and no cluster is empty.
 ///
-/// Memory: 12 bytes a point and 36 a cluster.
+/// Memory: 12 bytes a point and 32 a cluster.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Clusters {
     centres: Vec<OrientedPoint>,

@@ -37,7 +37,7 @@ pub enum Choice {
     /// At the means a cluster's estimate is right to the first order in its extent; a random light is off by as much as the extent.
     /// Bias: as good as none far away, where the estimate is close to the truth anyway; near by, what is curved in the
     /// transfer. Visibility is one light's either way.
-    /// Cost: as many steps as there are candidates for each node, and 24 bytes a light while it is made. A node rarely shares its light
+    /// Cost: as many steps as there are candidates for each node, and 24 bytes a light and 64 a node while it is made. A node rarely shares its light
     /// with a child, so a split asks for nearly two transfers, and the shadow rays are up to twice as many for the same cut.
     /// Directions are those of the tree's leaves: in a tree without cones, places alone decide.
     Central,

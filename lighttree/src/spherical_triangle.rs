@@ -12,7 +12,7 @@
 
 use glam::{DVec3, Vec3};
 
-/// A triangle projected onto the unit sphere around a receiver. 160 bytes.
+/// A triangle projected onto the unit sphere around a receiver. 136 bytes.
 ///
 /// What a renderer does with it: draw a point, with density 1 ÷ [`solid_angle`](Self::solid_angle) per steradian, all over the
 /// triangle. The estimate of its light is then radiance × scattering × cosine at the receiver × solid angle; the light's own cosine
@@ -29,6 +29,8 @@ pub struct SphericalTriangle {
     half: f64,
     front: bool,
 }
+
+const _: () = assert!(size_of::<SphericalTriangle>() == 136);
 
 impl SphericalTriangle {
     /// The triangle `corners` as seen from `receiver`.

@@ -34,7 +34,7 @@ impl Split {
     }
 }
 
-/// A node of the cut as a sample of irradiance: 48 bytes with its node's id.
+/// A node of the cut as a sample of irradiance: 44 bytes with its node's id.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CutSample {
     /// World-space centre of the node's box.
@@ -48,9 +48,11 @@ pub struct CutSample {
     pub irradiance: Vec3,
 }
 
+const _: () = assert!(size_of::<CutSample>() + size_of::<NodeId>() == 44);
+
 /// A cut through a photon map with an irradiance on each node, indexed by the tree above it.
 ///
-/// Memory: 48 bytes a node of the cut, and 32 for each of the nodes from the root down to it.
+/// Memory: 44 bytes a node of the cut, and 32 for each of the nodes from the root down to it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct IlluminationCut {
     cut: Cut<CutSample>,

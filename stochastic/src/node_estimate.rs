@@ -35,6 +35,8 @@ struct Record {
     one_sided: Vec4,
 }
 
+const _: () = assert!(size_of::<Record>() == 240);
+
 impl Record {
     const EMPTY: Self = Self {
         center: [Vec4::ZERO; 3],
@@ -89,7 +91,7 @@ const LEAST_EMISSION: f32 = 1e-3;
 
 /// What many nodes send to a receiver, up to a factor of all.
 ///
-/// 176 bytes ÷ 4 nodes + what the vector has spare: 60 bytes a node.
+/// 240 bytes for 4 nodes, 60 a node, and what the vector has spare.
 #[derive(Clone, Debug, Default)]
 pub struct NodeRecords {
     records: Vec<Record>,

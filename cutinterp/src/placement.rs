@@ -32,13 +32,6 @@ pub struct PlacementParams {
     pub least_weight: f32,
 }
 
-impl Placed {
-    /// Place and radius.
-    pub const fn site(&self) -> Site {
-        Site { position: self.position, normal: self.normal, radius: self.radius }
-    }
-}
-
 impl PlacementParams {
     /// One record for some hundred pixels of flat wall.
     pub const fn paper() -> Self {
@@ -93,6 +86,13 @@ pub struct Placed {
     pub harmonic_mean: f32,
     /// Radius, from that and the footprint.
     pub radius: f32,
+}
+
+impl Placed {
+    /// Place and radius.
+    pub const fn site(&self) -> Site {
+        Site { position: self.position, normal: self.normal, radius: self.radius }
+    }
 }
 
 /// An image, or an atlas, of points to be served.
@@ -168,7 +168,8 @@ impl PointImage<'_> {
 /// calls. All threads of the current rayon pool with the feature `parallel`; the same result for any number of them.
 ///
 /// # Panics
-/// If the last row of the image is not whole, or a kept record is at a pixel without a point.
+/// If the last row of the image is not whole, a kept record is at a pixel without a point, or tile or stride is 0
+/// ([`PlacementParams::check`] says so before).
 pub fn place<L>(
     params: &PlacementParams,
     image: &PointImage<'_>,
@@ -176,6 +177,7 @@ pub fn place<L>(
     local: impl Fn() -> L + Sync,
     gather: impl Fn(&mut L, u32, f32) -> f32 + Sync,
 ) -> Vec<Placed> {
+    assert!(params.tile > 0 && params.stride > 0, "tile and stride are at least one pixel");
     let (columns, rows) = (image.width.div_ceil(params.tile), image.height().div_ceil(params.tile));
     let tile = |(tile, (scratch, local)): (u32, &mut (Scratch, L))| {
         let (x, y) = (tile % columns * params.tile, tile / columns * params.tile);
@@ -423,6 +425,9 @@ impl Tile<'_> {
 ///
 /// `neighbours` lists the ids of the records that may reach record `i`; a pair disagrees when its brightnesses differ by more than
 /// `spread` of the larger. A second round of placement with smaller radii for these ([`disagreement_radius`]) brings more records there.
+///
+/// # Panics
+/// If there is not one brightness per record, or a neighbour is no record.
 pub fn disagreeing<'a>(
     params: &WeightParams,
     sites: &[Site],

@@ -65,7 +65,7 @@ impl AliasTable {
     /// The table for these weights; it draws nothing if all of them are 0.
     ///
     /// # Errors
-    /// The first weight that is negative or not finite.
+    /// The first weight that is negative or not finite; more than 2^32 - 1 weights.
     pub fn new(weights: &[f64]) -> Result<Self, WeightError> {
         if u32::try_from(weights.len()).is_err() {
             return Err(WeightError::TooMany { count: weights.len() });
@@ -166,7 +166,7 @@ impl PowerSampler {
     /// The sampler for these lights.
     ///
     /// # Errors
-    /// The first light whose intensity is negative or not finite.
+    /// The first light whose intensity is negative or not finite; more than 2^32 - 1 lights.
     pub fn new(lights: &[impl Emitter]) -> Result<Self, WeightError> {
         let weights: Vec<_> = lights.iter().map(|light| f64::from(light.bounds().intensity)).collect();
         Ok(Self { table: AliasTable::new(&weights)? })

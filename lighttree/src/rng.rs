@@ -257,8 +257,11 @@ pub(crate) fn split(last: u64, first: u32) -> (u64, u32) {
     ((split >> 32) as u64, split as u32)
 }
 
-/// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor` (at
-/// most 2^31) and at least 1 away from certain, and `floor` away from impossible. NaN counts as 1/2.
+/// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor`, and as far
+/// below certain (2^32, which does not fit) or by 1. NaN counts as 1/2.
+///
+/// # Panics
+/// If `floor` is above 2^31: no number is that far from both ends.
 #[inline]
 pub fn quantized(probability: f64, floor: u32) -> u32 {
     // Adding 1/2 and cutting off is what rounding is for what is not negative; casts saturate.

@@ -87,6 +87,9 @@ pub trait BatchLightSampler {
 
     /// Fills the rows of `out`.
     ///
+    /// # Errors
+    /// Whatever keeps the lights from being drawn; `out` then holds nothing of meaning.
+    ///
     /// # Panics
     /// If `out` is not `receivers.len() · lights_per_receiver` long.
     fn sample_batch(

@@ -12,7 +12,7 @@
 //!   (2^-20 of the root's diagonal)², so that lights at the receiver leave no 0/0.
 //! - While both children may contribute, neither is less probable than 2^-16: whatever the weights get wrong
 //!   costs variance, not bias.
-//! - Probabilities are rounded to multiples of 2^-32 before they are used, and [`pmf`](TreeSampler)
+//! - Probabilities are rounded to multiples of 2^-32 before they are used, and [`pmf`](LightSampler::pmf)
 //!   multiplies what was used; random bits do not run out ([`Decisions`]).
 //! - No trail of turns is stored with a light: the way down to it is found by item ranges, so depth has no
 //!   limit.

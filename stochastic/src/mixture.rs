@@ -92,7 +92,8 @@ pub struct Mixture<A, B, S> {
 const FLOOR: u32 = 1 << 16;
 
 impl<A, B, S> Mixture<A, B, S> {
-    /// Draws from `first`, whose lights are `0..first_count`, and from `second`.
+    /// Draws from `first`, whose lights are `0..first_count`, and from `second`. Lights of both have to fit into 32 bits: ids
+    /// beyond are no ids.
     pub const fn new(first: A, first_count: u32, second: B, share: S) -> Self {
         Self { first, first_count, second, share }
     }

@@ -1,6 +1,6 @@
 //! Greedy agglomerative clustering, bottom up.
 //!
-//! The metric is that of Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, section 5: two clusters
+//! The metric is that of Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005: two clusters
 //! are as far apart as `I (α² + c² (1 - cos β)²)` of what they would become, with total intensity `I`, box diagonal
 //! `α`, half angle `β` of the cone of normals, and `c` the scene's diagonal where there are oriented lights.
 //!

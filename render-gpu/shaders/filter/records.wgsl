@@ -1,4 +1,4 @@
-// Records of filters, shared with src/filter/records.rs. Rows from the top, pixel (x, y) at y * width + x.
+// Records of filters, shared with src/filter/svgf.rs and taa.rs. Rows from the top, pixel (x, y) at y * width + x.
 
 struct SvgfUniform {
     width: u32,

@@ -94,7 +94,7 @@ impl BlockCdfs {
     }
 
     /// Begins the next pass, for these receivers: positions and normals. The first chooses the cut, of at most `nodes` nodes, and recalls what
-    /// an `earlier` frame learned in this place. Returns whether it did.
+    /// an `earlier` frame learned in this place. Returns whether a cut was chosen.
     pub fn begin_pass<T: LightHierarchy>(
         &mut self,
         tree: &T,

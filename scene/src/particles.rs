@@ -182,6 +182,7 @@ impl<Q: Geometry> Path<'_, '_, Q> {
         if flux == DVec3::ZERO {
             return; // from where a texture is black
         }
+        // `steps` are those of one chain.
         let (mut bounce, mut through_specular, mut steps) = (0, false, 0);
         loop {
             // Find where it arrives.
@@ -211,7 +212,7 @@ impl<Q: Geometry> Path<'_, '_, Q> {
                     self.report.deposited_glossy += flux.element_sum();
                 }
                 bounce += 1;
-                through_specular = false;
+                (through_specular, steps) = (false, 0);
                 if bounce == self.params.bounces {
                     self.report.cut_off += flux.element_sum();
                     return;

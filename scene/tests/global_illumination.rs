@@ -303,6 +303,23 @@ fn no_light_no_particles() {
     );
 }
 
+/// What is given up is a chain that is too long, not a path that has gone through many short ones.
+#[test]
+fn chains_are_counted_one_by_one() {
+    let mut scene = furnace(0.0);
+    // A diffuse floor, and mirrors all around.
+    scene.materials[0] = lambert(Vec3::ONE);
+    scene.materials[1..].iter_mut().for_each(|wall| {
+        *wall = Material { mirror: true, ..lambert(Vec3::ONE) };
+    });
+    scene.lights.push(Light::Point { position: Vec3::splat(0.4), intensity: Vec3::ONE });
+    let rays = Loop::new(&scene);
+    let frame = Frame::new(&scene, &rays, &scene.lights, 1);
+    let (_, report) = walk(&frame, &WalkParams { paths: 200, bounces: 40, seed: 3 }, |_| Some(()));
+    // Of 8000 chains, few are so flat.
+    assert!(report.chains_cut < 60, "{} of 200 paths were given up: {report:?}", report.chains_cut);
+}
+
 #[test]
 fn caustics_come_by_mirrors_and_glass_alone() {
     let count = |name: &str| {

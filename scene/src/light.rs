@@ -68,7 +68,9 @@ impl Emitter for Light {
     fn bounds(&self) -> LightBounds {
         let (min, max, axis, cos_theta_o, cos_theta_e, two_sided, intensity) = match *self {
             Self::Point { position, intensity } => (position, position, Vec3::Z, -1.0, 1.0, false, intensity),
+            // Wider by rounding, as `LightBounds::spot` is: what a cosine in f32 finds inside is inside.
             Self::Spot { position, axis, intensity, cos_outer, .. } => {
+                let cos_outer = (cos_outer - 4.0 * f32::EPSILON).max(-1.0);
                 (position, position, axis, cos_outer, 1.0, false, intensity)
             }
             Self::Triangle { vertices: [a, b, c], radiance, two_sided, .. } => {

@@ -1,4 +1,4 @@
-//! Points on triangle lights: by solid angle near by, by area far away, the same light either way.
+//! Points on triangle lights: by solid angle near by, by area far away, the same light either way. And bounds of lights.
 
 mod common;
 
@@ -145,6 +145,35 @@ fn how_many_points_a_light_is_worth() {
     let bulb = Light::Point { position: Vec3::ZERO, intensity: Vec3::ONE };
     assert_eq!(bulb.toward(Vec3::X).points(), 1);
     assert!(!bulb.is_near(Vec3::X, 1e30));
+}
+
+/// Where a spot's rim is as sharp as can be, what shines by a last bit is bounded, too.
+#[test]
+fn the_rim_of_a_spot_is_bounded() {
+    let mut random = Random::new(6, 0, 0);
+    let mut any = || 2.0 * random.f32() - 1.0;
+    let (mut lit, scene) = (0, Scene::default());
+    for _ in 0..20_000 {
+        let [axis, side] = [(); 2].map(|()| Vec3::new(any(), any(), any()).normalize_or(Vec3::X));
+        let across = axis.cross(side).normalize_or(Vec3::Y);
+        let cos = 0.5 * any() + 0.49;
+        let light = Light::Spot {
+            position: Vec3::new(any(), any(), any()),
+            axis,
+            intensity: Vec3::ONE,
+            cos_inner: cos,
+            cos_outer: cos,
+        };
+        let toward = cos * axis + (1.0 - cos * cos).sqrt() * across;
+        let point = light.point(&scene, [0.0; 2], Vec3::ZERO);
+        let receiver =
+            LambertReceiver { position: point.position + 3.0 * toward, normal: -toward, albedo: 0.8 };
+        let given = contribution(&receiver, &point).x;
+        let bound = GeometricBound.bound(&light.bounds(), &receiver).upper;
+        assert!(given <= bound * 1.000_01, "{light:?} gives {given} of at most {bound}");
+        lit += u32::from(given > 0.0);
+    }
+    assert!((5000..15_000).contains(&lit), "{lit} on the bright side");
 }
 
 proptest! {

@@ -174,8 +174,9 @@ impl Level {
             for step in 0..steps as u32 {
                 let at = a.lerp(b, (f64::from(step) + 0.5) / steps);
                 let cell = at.floor();
-                let x = [0, 1].map(|d| wrap_index(cell.x as i64 + d, self.width, wrap[0]));
-                let y = [0, 1].map(|d| wrap_index(cell.y as i64 + d, self.height, wrap[1]));
+                // Coordinates may be beyond whole numbers.
+                let x = [0, 1].map(|d| wrap_index((cell.x as i64).saturating_add(d), self.width, wrap[0]));
+                let y = [0, 1].map(|d| wrap_index((cell.y as i64).saturating_add(d), self.height, wrap[1]));
                 sum += bilinear(y.map(|y| x.map(|x| self.texel(x, y))), at - cell);
                 samples += 1.0;
             }
@@ -355,5 +356,11 @@ mod tests {
         let point = footprints.mean([at; 3]);
         assert!((point - texture.sample(at).truncate()).abs().max_element() < 1e-6);
         assert!(footprints.mean([at, at + 0.1, at + 0.2]).min_element() > 0.0);
+        for wrap in [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp] {
+            let footprints = Footprints::new(&noise(8, 8, [wrap; 2]));
+            for far in [1e30, -1e30, f32::MAX] {
+                assert!(footprints.mean([Vec2::splat(far); 3]).is_finite(), "{wrap:?} at {far}");
+            }
+        }
     }
 }

@@ -258,7 +258,7 @@ impl Progress for AtomicBool {
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// Width, height or samples per pixel are 0, or there are more than 2³² pixels or samples.
+    /// Width, height or samples per pixel are 0, there are 2³² pixels or more, or samples are numbered beyond `u32`.
     Size,
     /// The threads could not be started.
     Threads(rayon::ThreadPoolBuildError),
@@ -279,7 +279,10 @@ impl core::fmt::Display for RenderError {
 impl std::error::Error for RenderError {}
 
 /// Renders `camera`'s picture: direct light by `direct` (with the scene's distant lights, which are treated alike for every
-/// method) and the rest by `indirect`.
+/// method) and the rest by `indirect`. The same bits for any number of threads.
+///
+/// # Errors
+/// [`RenderError`]: a size that no picture has, or threads that do not start.
 pub fn render<Q: Geometry, D: DirectLighting<Q>>(
     frame: &Frame<'_, Q>,
     camera: &Camera,

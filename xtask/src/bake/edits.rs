@@ -14,7 +14,7 @@ use crate::failure::Failure;
 /// One edit.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Edit {
-    /// Objects that move, vanish or come back; at least one.
+    /// An object moves, vanishes or comes back.
     Object { object: u32, to: Place },
     /// Another colour for an object, or for all objects of a material.
     Recolour { objects: Vec<u32>, colour: Vec3 },

@@ -20,7 +20,7 @@ pub(crate) struct State {
     pub(crate) settings: u64,
     /// Hashes of the edits that were done, in order.
     pub(crate) edits: Vec<u64>,
-    /// Lights accumulated since the last of these.
+    /// Updates since the last of these.
     pub(crate) since: u64,
     /// [`bake::Baker::save`].
     pub(crate) bake: Vec<u8>,

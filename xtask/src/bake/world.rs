@@ -21,7 +21,7 @@ pub(crate) struct World {
     pub(crate) stood: Vec<Affine3A>,
     /// Colour that an object has in place of its material's.
     pub(crate) colours: Vec<Option<Vec3>>,
-    /// Lamps, by their name; `None`: absent.
+    /// Lamps, by their name; those that are out are kept.
     pub(crate) lamps: Vec<Lamp>,
     bounds: Vec<(Vec3, Vec3)>,
 }

@@ -1,13 +1,14 @@
 //! A scene with lightmap coordinates as a `.glb`: what engines load beside the baked maps.
 
 use core::fmt;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, Mat4, Vec2, Vec3};
 use serde_json::{Map, Value, json};
 
+use crate::whole_file::whole_file;
 use crate::{AlphaMode, Material, Scene, Texture, TextureSlot, Wrap};
 
 /// A mesh whose vertices have lightmap coordinates; those on chart borders are there more than once.
@@ -264,12 +265,8 @@ fn write_container(path: &Path, json: &str, binary: &[u8]) -> Result<(), String>
     let text = json.len().next_multiple_of(4);
     let total = 12 + 8 + text + if binary.is_empty() { 0 } else { 8 + binary.len() };
     let total = u32::try_from(total).map_err(|_| format!("{total} bytes: a .glb holds at most 4 GiB"))?;
-    let mut hidden = std::ffi::OsString::from(".");
-    hidden.push(path.file_name().ok_or("this is no file name")?);
-    hidden.push(format!(".{}.tmp", std::process::id()));
-    let temporary = path.with_file_name(hidden);
-    let write = || -> std::io::Result<()> {
-        let mut file = std::io::BufWriter::new(File::create(&temporary)?);
+    let write = |temporary: &Path| -> std::io::Result<()> {
+        let mut file = std::io::BufWriter::new(File::create(temporary)?);
         file.write_all(b"glTF")?;
         file.write_all(&2u32.to_le_bytes())?;
         file.write_all(&total.to_le_bytes())?;
@@ -282,18 +279,15 @@ fn write_container(path: &Path, json: &str, binary: &[u8]) -> Result<(), String>
             file.write_all(b"BIN\0")?;
             file.write_all(binary)?;
         }
-        file.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
-        fs::rename(&temporary, path)
+        file.flush()
     };
-    write().map_err(|error| {
-        // Nothing more can be done if even that fails.
-        let _ = fs::remove_file(&temporary);
-        error.to_string()
-    })
+    whole_file(path, |temporary| write(temporary).map_err(|error| error.to_string()))
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
     use crate::{ImportOptions, builtin, load};
 

@@ -1,8 +1,6 @@
 //! Pictures in files: EXR for numbers, PNG for eyes. A file is there whole or not at all.
 
 use core::fmt;
-use std::ffi::OsString;
-use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -10,6 +8,7 @@ use exr::prelude::{f16, read_first_rgba_layer_from_file, write_rgb_file};
 use glam::Vec3;
 
 use crate::Film;
+use crate::whole_file::whole_file;
 
 /// Why a picture could not be read or written.
 #[derive(Debug)]
@@ -70,7 +69,7 @@ impl std::error::Error for ImageError {}
 /// [`ImageError::Write`]; there is no file then, or the one that was there before.
 pub fn write_exr(film: &Film, path: &Path) -> Result<(), ImageError> {
     let color = |x: usize, y: usize| film.pixels[y * film.width as usize + x].into();
-    whole(path, |temporary| {
+    write(path, |temporary| {
         write_rgb_file(temporary, film.width as usize, film.height as usize, color).map_err(|e| e.to_string())
     })
 }
@@ -98,7 +97,7 @@ pub fn write_exr_from(
     let (columns, rows) = (width as usize, height as usize);
     let largest = f16::MAX.to_f32();
     let saturated = AtomicU64::new(0);
-    whole(path, |temporary| {
+    write(path, |temporary| {
         let written = match depth {
             ExrDepth::Full => write_rgb_file(temporary, columns, rows, |x, y| {
                 <(f32, f32, f32)>::from(color(x as u32, y as u32))
@@ -125,7 +124,7 @@ pub fn write_png(film: &Film, path: &Path, stops: f32) -> Result<(), ImageError>
     let image = image::RgbImage::from_raw(film.width, film.height, bytes).ok_or_else(|| {
         ImageError::Write { path: path.to_owned(), why: "the picture has no size".to_owned() }
     })?;
-    whole(path, |temporary| {
+    write(path, |temporary| {
         image.save_with_format(temporary, image::ImageFormat::Png).map_err(|e| e.to_string())
     })
 }
@@ -159,22 +158,8 @@ pub fn read_exr(path: &Path, expected: Option<(u32, u32)>) -> Result<Film, Image
     }
 }
 
-/// Lets `write` fill a temporary file in the same folder, and renames it once it is complete and on the disk.
-fn whole(path: &Path, write: impl FnOnce(&Path) -> Result<(), String>) -> Result<(), ImageError> {
-    let fail = |why: String| ImageError::Write { path: path.to_owned(), why };
-    let name = path.file_name().ok_or_else(|| fail("this is no file name".to_owned()))?;
-    let mut hidden = OsString::from(".");
-    hidden.push(name);
-    hidden.push(format!(".{}.tmp", std::process::id()));
-    let temporary = path.with_file_name(hidden);
-    let result = write(&temporary)
-        .and_then(|()| File::open(&temporary).and_then(|f| f.sync_all()).map_err(|e| e.to_string()))
-        .and_then(|()| fs::rename(&temporary, path).map_err(|e| e.to_string()));
-    result.map_err(|why| {
-        // Nothing more can be done if even that fails.
-        let _ = fs::remove_file(&temporary);
-        fail(why)
-    })
+fn write(path: &Path, write: impl FnOnce(&Path) -> Result<(), String>) -> Result<(), ImageError> {
+    whole_file(path, write).map_err(|why| ImageError::Write { path: path.to_owned(), why })
 }
 
 /// Stops (powers of two) by which a picture is brightened, so that the median luminance of what is not black becomes middle grey,
@@ -193,6 +178,8 @@ pub fn auto_exposure(film: &Film) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn folder(name: &str) -> PathBuf {

@@ -27,6 +27,7 @@ mod requirements;
 mod sampled;
 mod shading;
 mod texture;
+mod whole_file;
 
 pub use brute_force::BruteForce;
 pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, Motion, builtin};

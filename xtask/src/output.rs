@@ -1,20 +1,22 @@
 //! Files that are there whole or not at all.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use scene::{Film, ImageError};
 
 use crate::failure::Failure;
 
-/// Writes text to a temporary file beside `path`, and gives it that name once it is complete.
+/// Lets `write` fill a temporary file beside `path`, and gives it that name once it is complete and on the disk.
 ///
 /// # Errors
 /// A failure that names `path`, if its folder is not there, cannot be written, or is full.
-pub(crate) fn text(path: &Path, text: &str) -> Result<(), Failure> {
-    let fail = |why: &dyn std::fmt::Display| {
-        Failure::failed(format!("{}: cannot be written: {why}", path.display()))
-    };
+pub(crate) fn whole(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
+) -> Result<(), Failure> {
+    let fail = |error: io::Error| Failure::failed(format!("{}: cannot be written: {error}", path.display()));
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.prefix(".lighttree-").suffix(".tmp");
@@ -24,10 +26,20 @@ pub(crate) fn text(path: &Path, text: &str) -> Result<(), Failure> {
         // As any new file, less what the umask takes; a temporary file would be for its owner alone.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let mut temporary = builder.tempfile_in(folder).map_err(|error| fail(&error))?;
-    temporary.write_all(text.as_bytes()).map_err(|error| fail(&error))?;
-    temporary.persist(path).map_err(|error| fail(&error.error))?;
+    let temporary = builder.tempfile_in(folder).map_err(fail)?;
+    let mut out = BufWriter::new(temporary.as_file());
+    write(&mut out).and_then(|()| out.flush()).and_then(|()| temporary.as_file().sync_all()).map_err(fail)?;
+    drop(out);
+    temporary.persist(path).map_err(|error| fail(error.error))?;
     Ok(())
+}
+
+/// Writes text as [`whole`] does.
+///
+/// # Errors
+/// Those of [`whole`].
+pub(crate) fn text(path: &Path, text: &str) -> Result<(), Failure> {
+    whole(path, |file| file.write_all(text.as_bytes()))
 }
 
 /// Writes `path` as EXR and, beside it, the same as PNG, brightened by `stops`. Returns the PNG's name.

@@ -7,6 +7,7 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::failure::Failure;
+use crate::output;
 
 const MAGIC: &[u8; 6] = b"LTLMAP";
 const FORMAT: u16 = 1;
@@ -54,8 +55,7 @@ impl Fnv {
 }
 
 impl State {
-    /// Writes the state, with `sums` in place of its own, to a temporary file in the same folder, and gives it its name once it is on the disk. Sums are
-    /// asked for twice instead of being held once more.
+    /// Writes the state, with `sums` in place of its own, as [`output::whole`] does. Sums are asked for twice instead of being held once more.
     ///
     /// # Errors
     /// A failure that names the file.
@@ -64,7 +64,6 @@ impl State {
         path: &Path,
         sums: impl Fn() -> S,
     ) -> Result<(), Failure> {
-        let fail = |why: String| Failure::failed(format!("{}: cannot be written: {why}", path.display()));
         let mut head = Vec::with_capacity(64 + self.bake.len());
         let mut word = |word: u64| head.extend_from_slice(&word.to_le_bytes());
         word(self.scene);
@@ -78,27 +77,13 @@ impl State {
         let mut hash = Fnv::default();
         hash.bytes(&head);
         sums().for_each(|sum| hash.bytes(&sum.to_le_bytes()));
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut file = tempfile::Builder::new()
-            .prefix(".lighttree-")
-            .suffix(".tmp")
-            .tempfile_in(folder)
-            .map_err(|error| fail(error.to_string()))?;
-        let write = |file: &std::fs::File| -> std::io::Result<()> {
-            let mut out = std::io::BufWriter::new(file);
-            out.write_all(MAGIC)?;
-            out.write_all(&FORMAT.to_le_bytes())?;
-            out.write_all(&hash.0.to_le_bytes())?;
-            out.write_all(&head)?;
-            for sum in sums() {
-                out.write_all(&sum.to_le_bytes())?;
-            }
-            out.flush()?;
-            file.sync_all()
-        };
-        write(file.as_file_mut()).map_err(|error| fail(error.to_string()))?;
-        file.persist(path).map_err(|error| fail(error.error.to_string()))?;
-        Ok(())
+        output::whole(path, |file| {
+            file.write_all(MAGIC)?;
+            file.write_all(&FORMAT.to_le_bytes())?;
+            file.write_all(&hash.0.to_le_bytes())?;
+            file.write_all(&head)?;
+            sums().try_for_each(|sum| file.write_all(&sum.to_le_bytes()))
+        })
     }
 
     /// Reads a state.

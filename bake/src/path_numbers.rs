@@ -72,7 +72,7 @@ mod tests {
         let mut taken: Vec<(u32, u32)> = Vec::new();
         let mut owned = vec![false; 100_000];
         for _ in 0..5000 {
-            if taken.is_empty() || (taken.len() < 40 && random.u32() % 2 == 0) {
+            if taken.is_empty() || (taken.len() < 40 && random.u32().is_multiple_of(2)) {
                 let count = 1 + random.u32() % 60;
                 let first = numbers.take(count).unwrap();
                 for number in first..first + count {

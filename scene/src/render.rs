@@ -1,197 +1,24 @@
 //! From a camera and a method to a picture: units of 64 pixels, spread over threads, the same bits for any number of them.
 
-use core::ops::Range;
+mod counts;
+mod method;
+mod order;
+mod workspace;
+
 use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 use glam::{DVec3, Vec3};
-use lighttree::rng::Random;
-use lighttree::{Ray, RayHit, Segment};
 use rayon::prelude::*;
 
-use crate::shading::{CameraPath, Geometry, Purpose, ShadingPoint, camera_path, camera_ray};
-use crate::{Camera, Film, Light, Scene};
+pub use self::counts::Counts;
+pub use self::method::{DirectLighting, Frame, IndirectLighting, NoIndirect};
+use self::order::pixel_order;
+use self::workspace::{Pool, Workspace};
+use crate::shading::{CameraPath, Geometry, ShadingPoint, camera_path, camera_ray};
+use crate::{Camera, Film};
 
 /// Side of the square of pixels that is shaded at once.
 pub const TILE: u32 = 8;
-
-/// Side of the block of pixels whose tiles come one after the other: what methods remember of one row of tiles is of use to the next.
-const BLOCK: u32 = 8 * TILE;
-
-/// What happened, for people and for tests. Sums over all samples, the same for any number of threads.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Counts {
-    /// Segments asked for occlusion.
-    pub shadow_rays: u64,
-    /// Rays asked for their nearest hit.
-    pub closest_hit_rays: u64,
-    /// Contributions of one light to one point that were evaluated.
-    pub light_evaluations: u64,
-    /// Nodes of light trees visited.
-    pub node_visits: u64,
-    /// Nodes of all cuts.
-    pub cut_nodes: u64,
-    /// Nodes of the largest cut.
-    pub cut_nodes_max: u64,
-    /// Points that a cut was made for.
-    pub cuts: u64,
-    /// Points or samples for which a method fell back to another.
-    pub fallbacks: u64,
-    /// Contributions cut off by a clamp that was asked for, or at zero by a method whose approximation may go below it.
-    pub clamped: u64,
-    /// Luminance that this took away, summed over samples as they would have entered the picture; divide by [`samples`](Self::samples). Below zero
-    /// where what was cut off was negative.
-    pub clamped_luminance: f64,
-    /// Samples that were infinite or not a number and are left out of the mean.
-    pub non_finite: u64,
-    /// Chains of glass and mirrors given up.
-    pub chains_cut: u64,
-    /// Camera samples taken.
-    pub samples: u64,
-}
-
-impl Counts {
-    /// Adds what another unit of work counted.
-    pub fn add(&mut self, other: &Self) {
-        self.shadow_rays += other.shadow_rays;
-        self.closest_hit_rays += other.closest_hit_rays;
-        self.light_evaluations += other.light_evaluations;
-        self.node_visits += other.node_visits;
-        self.cut_nodes += other.cut_nodes;
-        self.cut_nodes_max = self.cut_nodes_max.max(other.cut_nodes_max);
-        self.cuts += other.cuts;
-        self.fallbacks += other.fallbacks;
-        self.clamped += other.clamped;
-        self.clamped_luminance += other.clamped_luminance;
-        self.non_finite += other.non_finite;
-        self.chains_cut += other.chains_cut;
-        self.samples += other.samples;
-    }
-
-    /// Notes a cut of `nodes` nodes.
-    pub fn add_cut(&mut self, nodes: u64) {
-        self.cuts += 1;
-        self.cut_nodes += nodes;
-        self.cut_nodes_max = self.cut_nodes_max.max(nodes);
-    }
-}
-
-/// What stays the same while a picture is rendered, as methods see it.
-#[derive(Debug)]
-pub struct Frame<'a, Q> {
-    /// Geometry, materials, lights without a place.
-    pub scene: &'a Scene,
-    /// Rays against that geometry.
-    pub rays: &'a Q,
-    /// Lights with a place: the scene's own, or those and virtual ones after them. The list that a light tree is built over.
-    pub lights: &'a [Light],
-    /// The user's seed: of camera rays, particles and paths.
-    pub seed: u32,
-    /// Seed of what methods of direct light draw: lights, and places on them. [`seed`](Self::seed) as a rule; another one
-    /// gives an independent picture of the very same camera rays.
-    pub light_seed: u32,
-    /// Largest geometry term of a virtual point light, per squared length unit; infinite: no clamp.
-    pub vpl_clamp: f32,
-    /// How many of the lights have an area.
-    pub area_lights: usize,
-    /// Centre of a sphere around the geometry.
-    pub center: Vec3,
-    /// Radius of that sphere: what is farther away than it is outside.
-    pub radius: f32,
-}
-
-impl<'a, Q> Frame<'a, Q> {
-    /// Without a clamp. `lights` is the scene's own list as a rule, or a longer one that begins with it.
-    pub fn new(scene: &'a Scene, rays: &'a Q, lights: &'a [Light], seed: u32) -> Self {
-        let (min, max) = scene.bounds().unwrap_or_default();
-        let (center, radius) = (0.5 * (min + max), 0.5 * min.distance(max));
-        let area_lights = lights.iter().filter(|light| !light.is_point()).count();
-        let light_seed = seed;
-        Self { scene, rays, lights, seed, light_seed, vpl_clamp: f32::INFINITY, area_lights, center, radius }
-    }
-
-    /// The segment from `origin` in the unit direction `wi` to beyond all geometry.
-    pub fn segment_out(&self, origin: Vec3, wi: Vec3) -> Segment {
-        Segment { from: origin, to: origin + wi * (2.5 * self.radius + origin.distance(self.center)) }
-    }
-}
-
-/// A method of direct lighting: what all lights of [`Frame::lights`] send from a point to the viewer, estimated or exact.
-pub trait DirectLighting<Q: Geometry>: Sync {
-    /// Memory that a thread reuses from call to call.
-    type Scratch: Default + Send;
-
-    /// The pixels of another unit of work follow, by their indices: all their camera samples are shaded before the next unit's. What a method
-    /// learns from one sample for the next it has to forget here.
-    fn begin_unit(&self, pixels: &[u32], scratch: &mut Self::Scratch) {
-        let _ = (pixels, scratch);
-    }
-
-    /// All camera samples of the unit were shaded. What is kept for later frames may be taken from here; of this frame it must not show.
-    fn end_unit(&self, scratch: &mut Self::Scratch) {
-        let _ = scratch;
-    }
-
-    /// Adds to `radiance[i]`, W·m⁻²·sr⁻¹ per channel, what the lights give at `points[i]`, with shadows and without
-    /// [`ShadingPoint::throughput`]. Points are those of one square of pixels where possible, so that
-    /// shadow rays can be shared; at most [`TILE`]² of them, all of different pixels.
-    ///
-    /// Must be a function of its arguments alone: no memory of other units may show in the result.
-    fn shade(
-        &self,
-        frame: &Frame<'_, Q>,
-        points: &[ShadingPoint],
-        scratch: &mut Self::Scratch,
-        rays: &mut Q::Scratch,
-        radiance: &mut [DVec3],
-        counts: &mut Counts,
-    );
-}
-
-/// Light beyond the direct one, added after the method's at each point.
-pub trait IndirectLighting<Q: Geometry>: Sync {
-    /// Memory that a thread reuses from call to call.
-    type Scratch: Default + Send;
-
-    /// The pixels of another unit of work follow, as for [`DirectLighting::begin_unit`].
-    fn begin_unit(&self, scratch: &mut Self::Scratch) {
-        let _ = scratch;
-    }
-
-    /// Another camera sample of all pixels of the unit follows.
-    fn begin_pass(&self, scratch: &mut Self::Scratch) {
-        let _ = scratch;
-    }
-
-    /// Radiance that leaves `point` towards the viewer after at least one more bounce, W·m⁻²·sr⁻¹, without its throughput.
-    fn radiance(
-        &self,
-        frame: &Frame<'_, Q>,
-        point: &ShadingPoint,
-        scratch: &mut Self::Scratch,
-        rays: &mut Q::Scratch,
-        counts: &mut Counts,
-    ) -> DVec3;
-}
-
-/// No indirect light.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct NoIndirect;
-
-impl<Q: Geometry> IndirectLighting<Q> for NoIndirect {
-    type Scratch = ();
-
-    fn radiance(
-        &self,
-        _: &Frame<'_, Q>,
-        _: &ShadingPoint,
-        (): &mut (),
-        _: &mut Q::Scratch,
-        _: &mut Counts,
-    ) -> DVec3 {
-        DVec3::ZERO
-    }
-}
 
 /// Size and quality of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -456,99 +283,7 @@ pub fn distant_light<Q: Geometry>(
     sum
 }
 
-/// Pixels in the order in which they are rendered, and where each unit's are.
-struct PixelOrder {
-    pixels: Vec<u32>,
-    unit_pixels: Vec<Range<usize>>,
-}
-
-/// All pixels block by block, tile by tile; or those drawn by the seed, in the same order, 64 at a time.
-fn pixel_order(params: &RenderParams, seed: u32) -> PixelOrder {
-    let (width, height) = (params.width, params.height);
-    let count = width as usize * height as usize;
-    let Some(wanted) = params.pixels.filter(|&n| n < count) else {
-        let corners = |size: u32| (0..size).step_by(TILE as usize);
-        let mut tiles: Vec<(u32, u32)> =
-            corners(height).flat_map(|top| corners(width).map(move |left| (top, left))).collect();
-        tiles.sort_by_key(|&(top, left)| (top / BLOCK, left / BLOCK));
-        let mut order = PixelOrder { pixels: Vec::with_capacity(count), unit_pixels: Vec::new() };
-        for (top, left) in tiles {
-            let start = order.pixels.len();
-            for y in top..height.min(top.saturating_add(TILE)) {
-                order.pixels.extend((left..width.min(left.saturating_add(TILE))).map(|x| y * width + x));
-            }
-            order.unit_pixels.push(start..order.pixels.len());
-        }
-        return order;
-    };
-
-    // The first steps of a Fisher-Yates shuffle draw without repeating.
-    let mut pixels: Vec<u32> = (0..count as u32).collect();
-    let mut random = Random::new(seed ^ Purpose::Pixels.salt(), 0, 0);
-    for i in 0..wanted {
-        let j = i + (random.f64() * (count - i) as f64) as usize;
-        pixels.swap(i, j);
-    }
-    pixels.truncate(wanted);
-    pixels.sort_unstable_by_key(|&p| (p / width / TILE, p % width / TILE, p));
-    let unit = (TILE * TILE) as usize;
-    let unit_pixels = (0..wanted).step_by(unit).map(|start| start..wanted.min(start + unit)).collect();
-    PixelOrder { pixels, unit_pixels }
-}
-
 /// One mutable piece of `all` per unit, of the unit's length.
 fn split_like<'m>(mut all: &'m mut [Vec3], units: &[&[u32]]) -> Vec<&'m mut [Vec3]> {
     units.iter().map(|unit| all.split_off_mut(..unit.len()).expect("units cover all pixels")).collect()
-}
-
-/// Memory of one thread, reused from unit to unit.
-struct Workspace<Q: Geometry, D: DirectLighting<Q>, I: IndirectLighting<Q>> {
-    rays: Q::Scratch,
-    direct: D::Scratch,
-    indirect: I::Scratch,
-    camera_rays: Vec<Ray>,
-    hits: Vec<Option<RayHit>>,
-    randoms: Vec<Random>,
-    points: Vec<ShadingPoint>,
-    slots: Vec<usize>,
-    lit: Vec<DVec3>,
-    radiance: Vec<DVec3>,
-    sums: Vec<(DVec3, u32)>,
-}
-
-impl<Q: Geometry, D: DirectLighting<Q>, I: IndirectLighting<Q>> Default for Workspace<Q, D, I> {
-    fn default() -> Self {
-        Self {
-            rays: Q::Scratch::default(),
-            direct: D::Scratch::default(),
-            indirect: I::Scratch::default(),
-            camera_rays: Vec::new(),
-            hits: Vec::new(),
-            randoms: Vec::new(),
-            points: Vec::new(),
-            slots: Vec::new(),
-            lit: Vec::new(),
-            radiance: Vec::new(),
-            sums: Vec::new(),
-        }
-    }
-}
-
-/// Workspaces that no thread has at the moment.
-struct Pool<T>(Mutex<Vec<T>>);
-
-impl<T> Default for Pool<T> {
-    fn default() -> Self {
-        Self(Mutex::new(Vec::new()))
-    }
-}
-
-impl<T: Default> Pool<T> {
-    fn take(&self) -> T {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
-    }
-
-    fn give(&self, value: T) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(value);
-    }
 }

@@ -1,8 +1,10 @@
 //! `cargo xtask bake`: a scene's light into maps, and edits of the scene after it.
 
+mod args;
 mod edits;
 mod output;
 mod state;
+mod summary;
 mod view;
 mod world;
 
@@ -14,164 +16,17 @@ use bake::lightmap::{ImageParams, LayoutParams, Lightmap, LightmapParams};
 use bake::{Aperture, BakeParams, Baker, GeometryVersion, LightKey, StepBudget, Update};
 use glam::Vec3;
 use scene::MaterialMode;
-use serde_json::json;
 
+pub(crate) use self::args::BakeArgs;
+use self::args::KEYS;
 use self::edits::{Edit, Outcome};
 use self::output::Maps;
-use self::state::{Fnv, State, fnv};
+use self::state::{State, fnv, hash_scene};
+use self::summary::{Seconds, summary};
 use self::world::{Geometry, World};
 use crate::failure::Failure;
-use crate::settings::{Key, Range, Settings};
-use crate::{memory, render, source, stop};
-
-/// What to bake, and how.
-#[derive(clap::Args)]
-pub(crate) struct BakeArgs {
-    /// A .glb or .gltf file, or a built-in scene with an optional number of lights; materials are read as diffuse
-    #[arg(default_value = "cornell")]
-    scene: String,
-
-    /// Edits to follow after the first bake, a list of objects in JSON; docs/bake.md says which there are
-    #[arg(long, value_name = "FILE.json")]
-    edits: Option<PathBuf>,
-
-    /// Texels of the maps along a unit of length; without it, as many as make some 60000 in all
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
-    texels_per_unit: Option<f32>,
-
-    /// Go on from a saved bake: the file bake.state that each run keeps in its folder
-    #[arg(long, value_name = "FILE")]
-    resume: Option<PathBuf>,
-
-    /// Turn a dial, as often as you like; --help-dials lists them
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
-
-    /// Width and height of the picture that --set view=1 makes
-    #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = render::size)]
-    size: (u32, u32),
-
-    /// Threads; 0 takes as many as there are processors. The result is the same for any number
-    #[arg(long, value_name = "T", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1024))]
-    threads: u32,
-
-    /// Folder for maps, scene, sidecar and the saved bake; made if it isn't there
-    #[arg(long, short, value_name = "DIR", required_unless_present = "help_dials")]
-    output: Option<PathBuf>,
-
-    /// Print one JSON object as the last line of standard output
-    #[arg(long)]
-    json: bool,
-
-    /// List the dials, and end
-    #[arg(long)]
-    help_dials: bool,
-}
-
-const KEYS: [Key; 17] = [
-    Key {
-        name: "clusters",
-        default: "600",
-        range: Range::Whole(1, 1_000_000),
-        trades: "virtual lights: accuracy of indirect light and soft shadows against time",
-    },
-    Key {
-        name: "paths",
-        default: "100000",
-        range: Range::Whole(1, 1 << 26),
-        trades: "light paths: accuracy of indirect light against time and 64 bytes a surface that they meet",
-    },
-    Key {
-        name: "bounces",
-        default: "3",
-        range: Range::Whole(1, 16),
-        trades: "surfaces that a path meets: light of corners against time",
-    },
-    Key {
-        name: "samples",
-        default: "1",
-        range: Range::Whole(1, 16),
-        trades: "points of each texel: smooth edges of shadows against time and 28 bytes a texel",
-    },
-    Key {
-        name: "directional",
-        default: "0",
-        range: Range::Whole(0, 1),
-        trades: "1: four coefficients of spherical harmonics for normal maps, at 108 bytes a texel",
-    },
-    Key {
-        name: "charts",
-        default: "new",
-        range: Range::OneOf(&["new", "keep"]),
-        trades: "keep: meshes with TEXCOORD_1 are baked with it",
-    },
-    Key {
-        name: "page",
-        default: "4096",
-        range: Range::Whole(64, 16_384),
-        trades: "largest side of a map, texels",
-    },
-    Key {
-        name: "padding",
-        default: "2",
-        range: Range::Whole(0, 7),
-        trades: "empty texels around charts: 2 for bicubic lookups, 1 for bilinear ones",
-    },
-    Key {
-        name: "stitch",
-        default: "1",
-        range: Range::Whole(0, 1),
-        trades: "0: seams between charts stay as they are",
-    },
-    Key {
-        name: "maps",
-        default: "atlas",
-        range: Range::OneOf(&["atlas", "objects"]),
-        trades: "objects: one map for each object",
-    },
-    Key {
-        name: "format",
-        default: "f32",
-        range: Range::OneOf(&["f32", "f16"]),
-        trades: "f16: half the size, at most 65504 W/m2",
-    },
-    Key {
-        name: "view",
-        default: "0",
-        range: Range::Whole(0, 1),
-        trades: "1: also a picture of what a camera sees, lit by the maps; one more after each \"bake\" edit",
-    },
-    Key {
-        name: "spp",
-        default: "4",
-        range: Range::Whole(1, 4096),
-        trades: "samples of a pixel of that picture",
-    },
-    Key {
-        name: "camera",
-        default: "first",
-        range: Range::Words("first or a camera's name"),
-        trades: "whose picture it is",
-    },
-    Key {
-        name: "exposure",
-        default: "auto",
-        range: Range::WordOrNumber("auto", -40.0, 40.0),
-        trades: "stops by which pictures are brightened",
-    },
-    Key {
-        name: "save",
-        default: "10",
-        range: Range::Number(0.0, f32::INFINITY),
-        trades: "seconds between saved bakes: what a kill costs against writing",
-    },
-    Key {
-        name: "seed",
-        default: "1",
-        range: Range::Whole(0, u32::MAX as u64),
-        trades: "seed of all random numbers",
-    },
-];
+use crate::settings::Settings;
+use crate::{render, source, stop};
 
 /// Texels that a bake has when nothing is said.
 const TEXELS: f64 = 60_000.0;
@@ -266,36 +121,9 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
         bake.view(&folder.join("view.exr"), &camera)?;
     }
     let writing = start.elapsed().as_secs_f64();
-    let (coverage, receivers, counts) = (bake.map.coverage(), bake.map.receivers(), bake.map.counts());
-    let (stats, layout) = (bake.baker.stats(), bake.map.layout());
-    let stitched = pages.iter().map(|page| page.stitched);
-    let worst = |pick: fn(&bake::lightmap::StitchReport) -> f64| {
-        pages.iter().map(|p| pick(&p.stitched)).fold(0.0, f64::max)
-    };
-    let summary = json!({
-        "scene": bake.world.scene.name,
-        "triangles": bake.world.scene.triangle_count(),
-        "objects": bake.world.objects.len(),
-        "lights": bake.world.lamps.iter().filter(|lamp| lamp.present).count(),
-        "edits": bake.edits.len(),
-        "size": layout.size, "pages": layout.pages, "charts": layout.charts,
-        "texels": bake.map.texels(), "texels_per_unit": layout_params(args, &settings, &bake.world).texels_per_unit,
-        "clusters": bake.baker.clusters(), "virtual_lights": bake.map.live(), "path_vertices": bake.baker.path_vertices(),
-        "updates": bake.updates, "accumulations": bake.accumulations,
-        "paths": { "validated": stats.paths_validated, "traced": stats.paths_traced, "changed": stats.paths_changed },
-        "seconds": { "load": load, "unwrap": unwrap, "bake": baking, "write": writing, "total": total.elapsed().as_secs_f64() },
-        "counts": {
-            "flat_triangles": coverage.flat_triangles, "overlapping": coverage.overlapping, "outside": coverage.outside,
-            "pushed": receivers.pushed, "dead": receivers.dead, "cut_off": counts.cut_off, "non_finite": counts.non_finite,
-            "wrapped": counts.wrapped, "unsound_hits": stats.unsound_hits, "saturated": written.saturated,
-            "dilated": pages.iter().map(|page| page.dilated).sum::<u64>(),
-        },
-        "seams": { "edges": stitched.map(|s| s.seams).sum::<u64>(), "before": worst(|s| s.before), "after": worst(|s| s.after) },
-        "bytes": { "lightmap": bake.map.bytes(), "baker": bake.baker.bytes(), "rays": bake.geometry.0.rays.bytes(), "peak_rss": memory::peak_resident() },
-        "sums": format!("{:016x}", hash_sums(&bake.map)),
-        "exposure": written.exposure,
-        "output": written.files,
-    });
+    let seconds =
+        Seconds { load, unwrap, bake: baking, write: writing, total: total.elapsed().as_secs_f64() };
+    let summary = summary(&bake, &pages, &written, &seconds);
     eprintln!(
         "{} virtual lights of {} clusters; {} accumulations in {} updates, {baking:.1} s; wrote {} in {}",
         bake.map.live(),
@@ -589,38 +417,4 @@ impl<'a> Bake<'a> {
         eprintln!("wrote {} and {} (exposure {stops:+.2} stops)", path.display(), png.display());
         Ok(())
     }
-}
-
-fn hash_sums(map: &Lightmap<Geometry>) -> u64 {
-    let mut hash = Fnv::default();
-    map.sums().for_each(|sum| hash.bytes(&sum.to_le_bytes()));
-    hash.0
-}
-
-/// Everything of a scene that light depends on.
-fn hash_scene(scene: &scene::Scene) -> u64 {
-    let mut hash = Fnv::default();
-    let vectors = |hash: &mut Fnv, values: &[Vec3]| {
-        values.iter().flat_map(|v| v.to_array()).for_each(|x| hash.bytes(&x.to_le_bytes()));
-    };
-    for mesh in &scene.meshes {
-        vectors(&mut hash, &mesh.positions);
-        vectors(&mut hash, &mesh.normals);
-        mesh.uvs
-            .iter()
-            .chain(&mesh.uvs1)
-            .flat_map(|uv| uv.to_array())
-            .for_each(|x| hash.bytes(&x.to_le_bytes()));
-        mesh.triangles.iter().flatten().for_each(|v| hash.bytes(&v.to_le_bytes()));
-        hash.bytes(&mesh.material.to_le_bytes());
-    }
-    let texts = [
-        format!("{:?}", scene.instances),
-        format!("{:?}", scene.materials),
-        format!("{:?}", scene.lights),
-        format!("{:?}", scene.distant),
-    ];
-    texts.iter().for_each(|text| hash.bytes(text.as_bytes()));
-    scene.textures.iter().for_each(|texture| hash.bytes(texture.texels.as_flattened()));
-    hash.0
 }

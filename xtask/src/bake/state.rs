@@ -6,6 +6,10 @@
 use std::io::Write;
 use std::path::Path;
 
+use bake::lightmap::Lightmap;
+use glam::Vec3;
+
+use super::world::Geometry;
 use crate::failure::Failure;
 use crate::output;
 
@@ -52,6 +56,41 @@ impl Fnv {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
     }
+}
+
+/// The name of a lightmap's light: that of its sums.
+pub(crate) fn hash_sums(map: &Lightmap<Geometry>) -> u64 {
+    let mut hash = Fnv::default();
+    map.sums().for_each(|sum| hash.bytes(&sum.to_le_bytes()));
+    hash.0
+}
+
+/// The name of everything in a scene that light depends on.
+pub(crate) fn hash_scene(scene: &scene::Scene) -> u64 {
+    let mut hash = Fnv::default();
+    let vectors = |hash: &mut Fnv, values: &[Vec3]| {
+        values.iter().flat_map(|v| v.to_array()).for_each(|x| hash.bytes(&x.to_le_bytes()));
+    };
+    for mesh in &scene.meshes {
+        vectors(&mut hash, &mesh.positions);
+        vectors(&mut hash, &mesh.normals);
+        mesh.uvs
+            .iter()
+            .chain(&mesh.uvs1)
+            .flat_map(|uv| uv.to_array())
+            .for_each(|x| hash.bytes(&x.to_le_bytes()));
+        mesh.triangles.iter().flatten().for_each(|v| hash.bytes(&v.to_le_bytes()));
+        hash.bytes(&mesh.material.to_le_bytes());
+    }
+    let texts = [
+        format!("{:?}", scene.instances),
+        format!("{:?}", scene.materials),
+        format!("{:?}", scene.lights),
+        format!("{:?}", scene.distant),
+    ];
+    texts.iter().for_each(|text| hash.bytes(text.as_bytes()));
+    scene.textures.iter().for_each(|texture| hash.bytes(texture.texels.as_flattened()));
+    hash.0
 }
 
 impl State {

@@ -26,7 +26,8 @@ pub struct Metric {
 
 impl Metric {
     /// `alpha` weighs places against normals, dimensionless; the paper's range is 0.1 to 0.5. `scene_radius` is that of a sphere around
-    /// the scene, in its length unit.
+    /// the scene, in its length unit. Distances are taken in f32, and their squares have to be normal numbers: with positions beyond 1e18, or in
+    /// a scene smaller than 1e-18, places are not told apart.
     ///
     /// # Errors
     /// [`BadAlpha`](ClusterError::BadAlpha), [`BadRadius`](ClusterError::BadRadius).

@@ -62,7 +62,7 @@ pub struct FlatInstance {
 /// A scene's geometry in plain arrays, exactly what [`SceneRays`](crate::SceneRays) traces, but for the holes of alpha masks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatRays {
-    /// One mesh with all triangles in world space, or one for each mesh of the scene.
+    /// One mesh with all triangles in world space, or one for each mesh of the scene, empty where that stands nowhere.
     pub meshes: Vec<FlatMesh>,
     /// One in place of all, or one for each instance of the scene.
     pub instances: Vec<FlatInstance>,
@@ -85,16 +85,20 @@ impl FlatRays {
             return Self::in_world_space(scene, &primitives, masked);
         }
 
+        // As `SceneRays`, nothing is built of meshes that stand nowhere.
+        let mut placed_by = vec![None; scene.meshes.len()];
+        for (i, placed) in (0u32..).zip(&scene.instances) {
+            placed_by[placed.mesh as usize].get_or_insert(i);
+        }
         let mut meshes = Vec::with_capacity(scene.meshes.len());
-        for (i, mesh) in scene.meshes.iter().enumerate() {
+        for (mesh, placed_by) in scene.meshes.iter().zip(placed_by) {
             let corners = |t: &[u32; 3]| t.map(|v| mesh.positions[v as usize]);
-            let built = FlatMesh::new(mesh.triangles.iter().map(corners).collect());
-            meshes.push(built.map_err(|error| match error {
-                RaysError::NonFinite { triangle } => {
-                    let instance = scene.instances.iter().position(|placed| placed.mesh as usize == i);
-                    RaysError::NonFiniteVertex { instance: instance.unwrap_or_default() as u32, triangle }
+            let triangles = placed_by.map_or_else(Vec::new, |_| mesh.triangles.iter().map(corners).collect());
+            meshes.push(FlatMesh::new(triangles).map_err(|error| match (error, placed_by) {
+                (RaysError::NonFinite { triangle }, Some(instance)) => {
+                    RaysError::NonFiniteVertex { instance, triangle }
                 }
-                other => other,
+                (other, _) => other,
             })?);
         }
         let (mut instances, mut boxes) = (Vec::new(), Vec::new());
@@ -250,5 +254,21 @@ mod tests {
         assert_eq!(flat.instances.len(), scene.instances.len());
         assert_eq!(flat.top.order.len(), scene.instances.len());
         assert_eq!(flat.meshes.len(), scene.meshes.len());
+    }
+
+    /// A mesh that stands nowhere is in nobody's way, whatever it is.
+    #[test]
+    fn meshes_that_stand_nowhere_are_left_out() {
+        let mut scene = crate::builtin("cornell").unwrap();
+        let mut odd = scene.meshes[0].clone();
+        odd.positions[0].x = f32::NAN;
+        scene.meshes.push(odd);
+        let two_levels = RaysParams { max_flattened: 0 };
+        crate::SceneRays::build_with(&scene, &two_levels).unwrap();
+        let flat = FlatRays::new(&scene, &two_levels).unwrap();
+        assert!(flat.meshes.last().unwrap().triangles.is_empty());
+        scene.instances[1].mesh = scene.meshes.len() as u32 - 1;
+        let error = FlatRays::new(&scene, &two_levels).unwrap_err();
+        assert!(matches!(error, RaysError::NonFiniteVertex { instance: 1, .. }), "{error}");
     }
 }

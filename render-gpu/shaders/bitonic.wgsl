@@ -19,15 +19,17 @@ struct Step {
 @group(0) @binding(2) var<storage, read_write> words: array<u32>;
 
 const THREADS: u32 = 256u;
+// Keys of a workgroup.
+const PAIRS: u32 = 512u;
 
 // Ids are at the start, keys after where `morton` wrote its own.
 fn load(at: u32) -> vec2u {
-    return vec2u(words[at], words[4u * params.capacity + at]);
+    return vec2u(words[at], words[4u * params.stride + at]);
 }
 
 fn store(at: u32, pair: vec2u) {
     words[at] = pair.x;
-    words[4u * params.capacity + at] = pair.y;
+    words[4u * params.stride + at] = pair.y;
 }
 
 fn is_after(a: vec2u, b: vec2u) -> bool {
@@ -45,22 +47,22 @@ fn pair(
     @builtin(workgroup_id) workgroup: vec3u,
     @builtin(num_workgroups) grid: vec3u,
 ) {
-    let first = workgroup_index(workgroup, grid) * BLOCK + thread;
-    for (var at = first; at < first + BLOCK; at += THREADS) {
+    let first = workgroup_index(workgroup, grid) * PAIRS + thread;
+    for (var at = first; at < first + PAIRS; at += THREADS) {
         if (at < merging.length) {
             var key = LEFT_OUT;
             if (at < params.lights) {
-                key = words[3u * params.capacity + at];
+                key = words[3u * params.stride + at];
             }
             store(at, vec2u(at, key));
         }
     }
 }
 
-var<workgroup> pairs: array<vec2u, BLOCK>;
+var<workgroup> pairs: array<vec2u, PAIRS>;
 
 fn load_block(thread: u32, first: u32) {
-    for (var at = thread; at < BLOCK; at += THREADS) {
+    for (var at = thread; at < PAIRS; at += THREADS) {
         var pair = vec2u(NONE, LEFT_OUT);
         if (first + at < merging.length) {
             pair = load(first + at);
@@ -71,7 +73,7 @@ fn load_block(thread: u32, first: u32) {
 }
 
 fn store_block(thread: u32, first: u32) {
-    for (var at = thread; at < BLOCK; at += THREADS) {
+    for (var at = thread; at < PAIRS; at += THREADS) {
         if (first + at < merging.length) {
             store(first + at, pairs[at]);
         }
@@ -97,9 +99,9 @@ fn sort_local(
     @builtin(workgroup_id) workgroup: vec3u,
     @builtin(num_workgroups) grid: vec3u,
 ) {
-    let first = workgroup_index(workgroup, grid) * BLOCK;
+    let first = workgroup_index(workgroup, grid) * PAIRS;
     load_block(thread, first);
-    for (var run = 2u; run <= BLOCK; run *= 2u) {
+    for (var run = 2u; run <= PAIRS; run *= 2u) {
         for (var distance = run / 2u; distance > 0u; distance /= 2u) {
             exchange(thread, first, run, distance);
         }
@@ -113,9 +115,9 @@ fn merge_local(
     @builtin(workgroup_id) workgroup: vec3u,
     @builtin(num_workgroups) grid: vec3u,
 ) {
-    let first = workgroup_index(workgroup, grid) * BLOCK;
+    let first = workgroup_index(workgroup, grid) * PAIRS;
     load_block(thread, first);
-    for (var distance = BLOCK / 2u; distance > 0u; distance /= 2u) {
+    for (var distance = PAIRS / 2u; distance > 0u; distance /= 2u) {
         exchange(thread, first, merging.run, distance);
     }
     store_block(thread, first);

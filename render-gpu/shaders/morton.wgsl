@@ -1,7 +1,8 @@
 // Twin of lighttree/src/build/morton.rs: `keyed`, with 10 bits an axis.
 // Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4.
 //
-// One thread a light writes its key.
+// One workgroup writes the keys of a block of lights, and how often each value of the lowest digit occurs: what `count` of sort.wgsl does for the
+// others.
 
 @group(0) @binding(0) var<uniform> params: BuildParams;
 @group(0) @binding(1) var<storage, read> header: TreeHeader;
@@ -25,24 +26,38 @@ fn cell(center: f32, lowest: f32, scale: f32) -> u32 {
     return min(u32((center - lowest) * scale), 1023u);
 }
 
-@compute @workgroup_size(256)
+fn key_of(light: LightRecord) -> u32 {
+    if (exclusion(light) != 0u) {
+        return LEFT_OUT;
+    }
+    let center = half_center(light);
+    let x = cell(center.x, header.min.x, header.scale.x);
+    let y = cell(center.y, header.min.y, header.scale.y);
+    let z = cell(center.z, header.min.z, header.scale.z);
+    return (spread_10(x) << 2u) | (spread_10(y) << 1u) | spread_10(z);
+}
+
+var<workgroup> histogram: array<atomic<u32>, DIGITS>;
+
+@compute @workgroup_size(DIGITS)
 fn morton(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) workgroup: vec3u,
     @builtin(num_workgroups) grid: vec3u,
 ) {
-    let i = workgroup_index(workgroup, grid) * 256u + thread;
-    if (i >= params.lights) {
-        return;
+    let block = workgroup_index(workgroup, grid);
+    atomicStore(&histogram[thread], 0u);
+    workgroupBarrier();
+    let end = min((block + 1u) * BLOCK, params.lights);
+    for (var at = block * BLOCK + thread; at < end; at += DIGITS) {
+        let key = key_of(lights[at]);
+        words[3u * params.stride + at] = key;
+        if (key != LEFT_OUT) {
+            atomicAdd(&histogram[key % DIGITS], 1u);
+        }
     }
-    let light = lights[i];
-    var key = LEFT_OUT;
-    if (exclusion(light) == 0u) {
-        let center = half_center(light);
-        let x = cell(center.x, header.min.x, header.scale.x);
-        let y = cell(center.y, header.min.y, header.scale.y);
-        let z = cell(center.z, header.min.z, header.scale.z);
-        key = (spread_10(x) << 2u) | (spread_10(y) << 1u) | spread_10(z);
+    workgroupBarrier();
+    if (block < params.blocks) {
+        words[table(params, thread, block)] = atomicLoad(&histogram[thread]);
     }
-    words[3u * params.capacity + i] = key;
 }

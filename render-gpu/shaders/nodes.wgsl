@@ -1,9 +1,9 @@
 // Twin of lighttree/src/perfect.rs: `leaf`, `parent`, and the way from a light to its slot.
 // Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4.
 //
-// `leaves`: one thread a leaf. `levels`: one workgroup makes up to 9 levels above 512 nodes of one level, each once, in workgroup memory; so a
-// million lights take three dispatches. The paper's threads each read all nodes of the source level below their own instead: no
-// barriers, and more to read. `slots`: one thread a leaf tells the inner node with its light's number.
+// `leaves`: one thread a leaf. `levels`: one workgroup makes up to 9 levels above 512 nodes of one level, each once: three by threads with 8 nodes
+// (256 bytes) of their own, six in workgroup memory; so a million lights take three dispatches. The paper's threads each read all nodes of the source
+// level below their own instead: no barriers, and more to read. `slots`: one thread a leaf tells the inner node with its light's number.
 
 struct LevelGroup {
     // Levels between the leaves and the level that is read.
@@ -84,9 +84,6 @@ fn slots(
     }
 }
 
-var<workgroup> lows: array<vec4f, 256>;
-var<workgroup> highs: array<vec4f, 256>;
-
 struct Box {
     low: vec4f,
     high: vec4f,
@@ -113,55 +110,87 @@ fn level_size(depth: u32) -> u32 {
     return ((header.len - 1u) >> (header.depth - depth)) + 1u;
 }
 
-@compute @workgroup_size(256)
+// Writes the parent of two nodes that follow one another, or of one where the level ends between them.
+fn make_parent(depth: u32, node: u32, left: Box, right: Box) -> Box {
+    var box = left;
+    if (2u * node + 1u < level_size(depth + 1u)) {
+        box = joined(left, right);
+    }
+    if (node < level_size(depth)) {
+        write_node(header.starts[depth] + node, box);
+    }
+    return box;
+}
+
+// The node above these two.
+fn above_two(depth: u32, node: u32) -> Box {
+    var left: Box;
+    var right: Box;
+    let first = header.starts[depth + 1u] + 2u * node;
+    if (2u * node + 1u < level_size(depth + 1u)) {
+        right = read_node(first + 1u);
+    }
+    if (node < level_size(depth)) {
+        left = read_node(first);
+    }
+    return make_parent(depth, node, left, right);
+}
+
+// What is above four nodes, or above the first two where that is the root.
+fn above_four(source: u32, first: u32) -> Box {
+    let left = above_two(source - 1u, first / 2u);
+    let right = above_two(source - 1u, first / 2u + 1u);
+    if (source == 1u) {
+        return left;
+    }
+    return make_parent(source - 2u, first / 4u, left, right);
+}
+
+fn above_eight(source: u32, first: u32) -> Box {
+    let left = above_four(source, first);
+    let right = above_four(source, first + 4u);
+    if (source <= 2u) {
+        return left;
+    }
+    return make_parent(source - 3u, first / 8u, left, right);
+}
+
+const THREADS: u32 = 64u;
+// A level of w nodes lies from w on.
+var<workgroup> lows: array<vec4f, 128>;
+var<workgroup> highs: array<vec4f, 128>;
+
+@compute @workgroup_size(THREADS)
 fn levels(
     @builtin(local_invocation_index) thread: u32,
     @builtin(workgroup_id) workgroup: vec3u,
     @builtin(num_workgroups) grid: vec3u,
 ) {
-    let first = workgroup_index(workgroup, grid) * 256u;
+    let part = workgroup_index(workgroup, grid);
+    let first = part * 8u * THREADS;
     // The same for all threads: nothing is left to do.
-    if (header.len < 2u || header.depth <= group.height || first >= level_size(header.depth - group.height - 1u)) {
+    if (header.len < 2u || header.depth <= group.height || first >= level_size(header.depth - group.height)) {
         return;
     }
     let source = header.depth - group.height;
 
-    // The first level from memory.
-    var depth = source - 1u;
-    let parent = first + thread;
-    if (parent < level_size(depth)) {
-        let child = header.starts[source] + 2u * parent;
-        var box = read_node(child);
-        if (2u * parent + 1u < level_size(source)) {
-            box = joined(box, read_node(child + 1u));
-        }
-        write_node(header.starts[depth] + parent, box);
-        lows[thread] = box.low;
-        highs[thread] = box.high;
-    }
+    // Three levels by each thread for itself.
+    var box = above_eight(source, first + 8u * thread);
 
-    // The others from what the threads have.
-    for (var width = 128u; width > 0u; width /= 2u) {
-        workgroupBarrier();
-        if (depth == 0u) {
-            break;
+    // The others from what the threads have: a barrier for each.
+    var depth = max(source, 3u) - 3u;
+    for (var width = THREADS; width > 1u && depth > 0u; width /= 2u) {
+        if (thread < width) {
+            lows[width + thread] = box.low;
+            highs[width + thread] = box.high;
         }
-        let below = level_size(depth);
+        workgroupBarrier();
         depth -= 1u;
-        let node = first / (256u / width) + thread;
-        var box: Box;
-        let mine = thread < width && node < level_size(depth);
-        if (mine) {
-            box = Box(lows[2u * thread], highs[2u * thread]);
-            if (2u * node + 1u < below) {
-                box = joined(box, Box(lows[2u * thread + 1u], highs[2u * thread + 1u]));
-            }
-            write_node(header.starts[depth] + node, box);
-        }
-        workgroupBarrier();
-        if (mine) {
-            lows[thread] = box.low;
-            highs[thread] = box.high;
+        if (thread < width / 2u) {
+            let at = width + 2u * thread;
+            let left = Box(lows[at], highs[at]);
+            let right = Box(lows[at + 1u], highs[at + 1u]);
+            box = make_parent(depth, part * (width / 2u) + thread, left, right);
         }
     }
 }

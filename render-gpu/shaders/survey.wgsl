@@ -36,16 +36,27 @@ fn joined(a: Part, b: Part) -> Part {
     );
 }
 
-// Puts the parts of all threads together; the result is in the first.
+// Puts the parts of all threads together, in two steps of 16; the result is in the first.
 fn reduce(thread: u32, own: Part) {
     shared_parts[thread] = own;
     workgroupBarrier();
-    for (var width = THREADS / 2u; width > 0u; width /= 2u) {
-        if (thread < width) {
-            shared_parts[thread] = joined(shared_parts[thread], shared_parts[thread + width]);
-        }
-        workgroupBarrier();
+    if (thread < 16u) {
+        join_from(thread, 16u);
     }
+    workgroupBarrier();
+    if (thread == 0u) {
+        join_from(0u, 1u);
+    }
+    workgroupBarrier();
+}
+
+// Into the part at `first` also the 15 after it, so far apart.
+fn join_from(first: u32, apart: u32) {
+    var all = shared_parts[first];
+    for (var i = 1u; i < 16u; i++) {
+        all = joined(all, shared_parts[first + i * apart]);
+    }
+    shared_parts[first] = all;
 }
 
 @compute @workgroup_size(THREADS)

@@ -1,13 +1,14 @@
 //! Rays against a host's geometry, and the place where hardware ray queries go instead.
 //!
 //! [`RayGeometry`] takes the host's binary trees (those of `obvhs` as they are), makes 4-wide quantised nodes of them and
-//! uploads those. The traversal is `shaders/rays/bvh.wgsl`: watertight, with the CPU's triangle test operation for operation, so both find the
+//! uploads those. The traversal is in `shaders/rays`: watertight, with the CPU's triangle test operation for operation, so both find the
 //! same hits but where a driver rounds otherwise.
 //!
 //! # A host's own rays
 //! Kernels that cast rays know two functions, `trace_closest(origin, direction, t_max) -> Hit` and
 //! `trace_occluded(start, end) -> bool`, and leave group 1 to whoever defines them. [`RaySource`] is that WGSL with its bindings:
-//! [`RayGeometry::source`] is ours, and a host with hardware ray queries writes its own.
+//! [`RayGeometry::source`] is ours, and a host with hardware ray queries writes its own. Geometry without instances has a source without them, which binds one
+//! buffer less: kernels that were made with one kind are refused by wgpu's validation where geometry of the other is bound.
 //!
 //! # Memory
 //! 64 bytes a node, of which there are 0.4 to 0.6 for each triangle in scenes of some size, 48 bytes a triangle, 64 an instance: some 80 bytes a triangle. In the
@@ -31,12 +32,17 @@ use crate::source::Source;
 use crate::{Gpu, GpuError};
 use pack::Packed;
 
-pub(crate) use batch::{CLOSEST, OCCLUDED};
+pub(crate) use batch::{CLOSEST, CLOSEST_INSTANCE, OCCLUDED};
 pub use batch::{DeviceRays, RayKernels};
 pub use geometry::{BinaryNode, BinaryTree, Geometry, GeometryError, InstanceGeometry, MeshGeometry};
 
-/// The WGSL of rays: `trace_closest` and `trace_occluded` with what they bind.
-pub(crate) const BVH: &str = include_str!("../shaders/rays/bvh.wgsl");
+/// The WGSL of rays against one mesh: `trace_closest` and `trace_occluded` with what they bind. Every module that casts rays has this text.
+const ONE_LEVEL: &str =
+    concat!(include_str!("../shaders/rays/bvh.wgsl"), "\n", include_str!("../shaders/rays/one_level.wgsl"));
+
+/// The same against instances, which takes its place.
+const TWO_LEVEL: &str =
+    concat!(include_str!("../shaders/rays/bvh.wgsl"), "\n", include_str!("../shaders/rays/two_level.wgsl"));
 
 /// Who traces rays in kernels that cast some.
 #[derive(Clone, Debug)]
@@ -51,7 +57,7 @@ pub struct RaySource {
 impl RaySource {
     /// Compiles a module with these rays in the place of ours.
     pub(crate) fn module(&self, gpu: &Gpu, source: &Source) -> Result<ShaderModule, GpuError> {
-        module_of(gpu, source.name, source.text.replacen(BVH, &self.wgsl, 1))
+        module_of(gpu, source.name, source.text.replacen(ONE_LEVEL, &self.wgsl, 1))
     }
 }
 
@@ -60,6 +66,7 @@ impl RaySource {
 pub struct RayGeometry {
     source: RaySource,
     bind_group: BindGroup,
+    has_instances: bool,
     bytes: u64,
     triangles: usize,
     nodes: usize,
@@ -113,8 +120,11 @@ impl RayGeometry {
     /// [`GpuError::Limit`] of `max_storage_buffer_binding_size`.
     pub fn new(gpu: &Gpu, geometry: &Geometry<'_>) -> Result<Self, UploadError> {
         let packed = Packed::new(geometry)?;
-        let layout =
-            layout_of(gpu, "rays", &[Binding::Uniform, Binding::Read, Binding::Read, Binding::Read])?;
+        let has_instances = geometry.instances.is_some();
+        let wgsl = if has_instances { TWO_LEVEL } else { ONE_LEVEL };
+        let bindings = [Binding::Uniform, Binding::Read, Binding::Read, Binding::Read];
+        let bound = if has_instances { 4 } else { 3 };
+        let layout = layout_of(gpu, "rays", &bindings[..bound])?;
         let tree = gpu.buffer("ray tree", size_of_val(&packed.tree) as u64, BufferUsages::UNIFORM)?;
         gpu.write(&tree, &[packed.tree])?;
         let nodes = gpu.upload("ray nodes", &or_one(&packed.nodes))?;
@@ -122,12 +132,13 @@ impl RayGeometry {
         let instances = gpu.upload("ray instances", &or_one(&packed.instances))?;
         let buffers = [&tree, &nodes, &triangles, &instances];
         let bytes = buffers.iter().map(|buffer| buffer.size()).sum();
-        let bind_group = crate::kernel::bind(gpu, "rays", &layout, &buffers)?;
-        let source = RaySource { wgsl: Cow::Borrowed(BVH), layout };
-        Ok(Self { source, bind_group, bytes, triangles: packed.triangles.len(), nodes: packed.nodes.len() })
+        let bind_group = crate::kernel::bind(gpu, "rays", &layout, &buffers[..bound])?;
+        let source = RaySource { wgsl: Cow::Borrowed(wgsl), layout };
+        let (triangles, nodes) = (packed.triangles.len(), packed.nodes.len());
+        Ok(Self { source, bind_group, has_instances, bytes, triangles, nodes })
     }
 
-    /// The WGSL and the layout that kernels are made with. The same for all geometry of a device.
+    /// The WGSL and the layout that kernels are made with: the same for all geometry [with instances](Self::has_instances), and for all without.
     pub const fn source(&self) -> &RaySource {
         &self.source
     }
@@ -135,6 +146,11 @@ impl RayGeometry {
     /// Group 1 of kernels that were made with [`source`](Self::source).
     pub const fn bind_group(&self) -> &BindGroup {
         &self.bind_group
+    }
+
+    /// Whether it is instances of meshes, and not one mesh in the world.
+    pub const fn has_instances(&self) -> bool {
+        self.has_instances
     }
 
     /// Memory on the device, bytes.

@@ -27,6 +27,7 @@ pub(crate) const SHADE: Source = source!(
     "lib/request.wgsl",
     "rays/records.wgsl",
     "rays/bvh.wgsl",
+    "rays/one_level.wgsl",
     "shade/records.wgsl",
     "shade/bsdf.wgsl",
     "shade/emitter.wgsl",

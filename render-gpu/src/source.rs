@@ -60,6 +60,7 @@ pub const ALL: &[Source] = &[
     crate::two_level::DRAW_GUARDED,
     crate::two_level::PLACE,
     crate::rays::CLOSEST,
+    crate::rays::CLOSEST_INSTANCE,
     crate::rays::OCCLUDED,
     crate::shade::SHADE,
     crate::filter::SOURCES[0],

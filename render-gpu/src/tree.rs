@@ -49,7 +49,10 @@ const PART_BYTES: u64 = 48;
 /// Bits of a digit, digits, and keys of a workgroup: as `shaders/lib/build.wgsl` has them.
 const DIGIT_BITS: u32 = 6;
 const DIGITS: u32 = 1 << DIGIT_BITS;
-const BLOCK: u32 = 512;
+const BLOCK: u32 = 1024;
+
+/// Keys that a workgroup of the bitonic sort puts in order by itself: as `shaders/bitonic.wgsl` has them.
+const BITONIC_BLOCK: u32 = 512;
 
 /// 30 bits.
 const PASSES: u32 = 5;
@@ -60,7 +63,7 @@ const GROUP_LEVELS: u32 = 9;
 /// How lights are put in Morton order. Both give the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Sort {
-    /// By digits of 6 bits: 15 dispatches.
+    /// By digits of 6 bits: 14 dispatches, the keys' own included.
     #[default]
     Radix,
     /// By comparisons, as in the paper: more dispatches the more lights there are (66 + 1 for a million), and a barrier for nearly every step. Equal keys are told apart by
@@ -179,9 +182,10 @@ impl DeviceTree {
         let parts = gpu.buffer("survey", u64::from(PARTS) * PART_BYTES, BufferUsages::empty())?;
         // With the slot of a light that has no inner node of its number, where all are in the tree.
         let node_bytes = 32 * node_count(capacity) + 32;
-        let sort_bytes = 4 * (4 * u64::from(capacity) + u64::from(DIGITS * (blocks + 1)));
+        let stride = capacity.next_multiple_of(4);
+        let sort_bytes = 4 * (4 * u64::from(stride) + u64::from(DIGITS * (blocks + 1)));
         let nodes = gpu.buffer("light tree", node_bytes.max(sort_bytes), BufferUsages::empty())?;
-        gpu.write(&params, &[0, capacity, blocks, parts_of(capacity)])?;
+        gpu.write(&params, &[0, stride, blocks, parts_of(capacity)])?;
 
         let survey = kernels.survey.bind(gpu, &[&params, lights, &parts, &header])?;
         let morton = kernels.morton.bind(gpu, &[&params, &header, lights, &nodes])?;
@@ -193,7 +197,7 @@ impl DeviceTree {
         let sort = match sort {
             Sort::Radix => {
                 let pass = |pass| {
-                    let pass = uniforms(&sort_pass(pass, capacity))?;
+                    let pass = uniforms(&sort_pass(pass, stride))?;
                     kernels.count.bind(gpu, &[&params, &pass, &header, &nodes])
                 };
                 SortGroups::Radix((0..PASSES).map(pass).collect::<Result<_, _>>()?)
@@ -265,12 +269,15 @@ impl DeviceTree {
     /// Ids in Morton order: at the start of the nodes' memory.
     fn sort_in(&self, pass: &mut ComputePass<'_>) {
         let kernels = &self.kernels;
-        kernels.morton.dispatch(pass, &self.morton, self.capacity.div_ceil(256));
+        let blocks = self.capacity.div_ceil(BLOCK);
+        kernels.morton.dispatch(pass, &self.morton, blocks);
         match &self.sort {
             SortGroups::Radix(passes) => {
-                let blocks = self.capacity.div_ceil(BLOCK);
-                for group in passes {
-                    kernels.count.dispatch(pass, group, blocks);
+                for (group, i) in passes.iter().zip(0..) {
+                    // With the keys their first digits were counted.
+                    if i > 0 {
+                        kernels.count.dispatch(pass, group, blocks);
+                    }
                     kernels.scan.dispatch(pass, group, DIGITS);
                     kernels.scatter.dispatch(pass, group, blocks);
                 }
@@ -284,7 +291,7 @@ impl DeviceTree {
                         BitonicStep::MergeGlobal => &kernels.merge_global,
                         BitonicStep::MergeLocal => &kernels.merge_local,
                     };
-                    kernel.dispatch(pass, group, pairs.div_ceil(256).max(1));
+                    kernel.dispatch(pass, group, pairs.div_ceil(BITONIC_BLOCK / 2).max(1));
                 }
             }
         }
@@ -340,11 +347,11 @@ fn ceil_log2(count: u32) -> u32 {
 }
 
 /// `SortPass` of `shaders/lib/build.wgsl`: between set B, where the keys are at first, and set A, where the ids have to be at last.
-fn sort_pass(pass: u32, capacity: u32) -> [u32; 8] {
-    let (a, b) = (0, 2 * capacity);
+fn sort_pass(pass: u32, stride: u32) -> [u32; 8] {
+    let (a, b) = (0, 2 * stride);
     let (from, to) = if pass.is_multiple_of(2) { (b, a) } else { (a, b) };
     let is = |last: bool| u32::from(last);
-    [pass * DIGIT_BITS, from, from + capacity, to, to + capacity, is(pass == 0), is(pass + 1 == PASSES), 0]
+    [pass * DIGIT_BITS, from, from + stride, to, to + stride, is(pass == 0), is(pass + 1 == PASSES), 0]
 }
 
 /// The steps of a bitonic sort of so many keys, and `Step` of `shaders/bitonic.wgsl`: length of the runs that are merged, and distance of those
@@ -355,7 +362,7 @@ fn bitonic_steps(count: u32) -> Vec<(BitonicStep, [u32; 4])> {
     let mut run = 1024;
     while run <= length {
         let mut distance = run / 2;
-        while distance >= BLOCK {
+        while distance >= BITONIC_BLOCK {
             steps.push((BitonicStep::MergeGlobal, [length, run, distance, 0]));
             distance /= 2;
         }

@@ -199,6 +199,11 @@ impl Device {
         let geometry = records::geometry(&flat, |geometry| RayGeometry::new(&self.gpu, geometry));
         let geometry = geometry.map_err(|error| failed(&error))?;
         let source = geometry.source().clone();
+        let had = self.rays.as_ref().map(|rays| rays.geometry().has_instances());
+        // Kernels are for geometry of one kind.
+        if had.is_some_and(|had| had != geometry.has_instances()) {
+            (self.shade, self.room) = (None, None);
+        }
         self.rays = Some(DeviceRays::new(&self.gpu, geometry).map_err(|error| failed(&error))?);
         if self.shade.is_none() {
             self.shade = Some(ShadeKernel::new(&self.gpu, &source).map_err(|error| failed(&error))?);

@@ -7,8 +7,8 @@
 struct BuildParams {
     // Lights in the buffer.
     lights: u32,
-    // Lights there is room for.
-    capacity: u32,
+    // Words of each array of keys or ids: the lights there is room for, and up to a multiple of 4.
+    stride: u32,
     // Blocks of keys there is room for.
     blocks: u32,
     // Parts in which the lights are surveyed, at most 256.
@@ -19,7 +19,7 @@ struct BuildParams {
 struct SortPass {
     // Lowest bit of the digit.
     shift: u32,
-    // First words of the ids and of the keys that are read, and that are written.
+    // First words of the ids and of the keys that are read, and that are written; multiples of 4.
     from_ids: u32,
     from_keys: u32,
     to_ids: u32,
@@ -34,7 +34,16 @@ struct SortPass {
 const DIGIT_BITS: u32 = 6u;
 const DIGITS: u32 = 64u;
 // Keys that one workgroup of 64 threads sorts.
-const BLOCK: u32 = 512u;
+const BLOCK: u32 = 1024u;
 
 // The key of a light that is left out.
 const LEFT_OUT: u32 = 0xffffffffu;
+
+// The table of digits, after both sets: a row of blocks for each digit, then the number of all keys of each digit.
+fn table(params: BuildParams, digit: u32, block: u32) -> u32 {
+    return 4u * params.stride + digit * params.blocks + block;
+}
+
+fn total(params: BuildParams, digit: u32) -> u32 {
+    return 4u * params.stride + DIGITS * params.blocks + digit;
+}

@@ -1,7 +1,7 @@
-// Rays against a two-level tree of 4-wide quantised nodes. Twin of scene/src/rays: the same triangle test, operation for operation.
+// Rays against a tree of 4-wide quantised nodes. Twin of scene/src/rays: the same triangle test, operation for operation.
 //
-// The whole face of this file is `trace_closest` and `trace_occluded`: a host with hardware ray queries puts its own two functions, and
-// what they bind in group 1, in its place.
+// `one_level.wgsl` or `two_level.wgsl` comes after this file. The whole face of both is `trace_closest` and `trace_occluded`: a host with hardware ray
+// queries puts its own two functions, and what they bind in group 1, in their place.
 //
 // Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013; nodes after Ylitie, Karras, Laine, "Efficient Incoherent Ray
 // Traversal on GPUs Through Compressed Wide BVHs", HPG 2017, with four children and full links instead of eight.
@@ -14,11 +14,10 @@ struct RayTree {
     reach: f32,
     // Link to the root: of the tree over instances, or of the only mesh.
     root: u32,
-    // 0: there is one mesh in world space and no instance.
-    two_level: u32,
     spare0: u32,
     spare1: u32,
     spare2: u32,
+    spare3: u32,
 }
 
 // Children lie in `origin + q * 2^e`, q from `low` to `high`, one byte for each child.
@@ -42,28 +41,15 @@ struct RayTriangle {
     spare1: u32,
 }
 
-struct RayInstance {
-    // Rows of the map from the tree's scale of the world to that of the mesh.
-    x: vec4f,
-    y: vec4f,
-    z: vec4f,
-    root: u32,
-    first_primitive: u32,
-    reach: f32,
-    spare: u32,
-}
-
 @group(1) @binding(0) var<uniform> ray_tree: RayTree;
 @group(1) @binding(1) var<storage, read> ray_nodes: array<WideNode>;
 @group(1) @binding(2) var<storage, read> ray_triangles: array<RayTriangle>;
-@group(1) @binding(3) var<storage, read> ray_instances: array<RayInstance>;
 
 // A link is the index of a node, or LEAF | (count - 1) << 28 | index of the first of them.
 const LEAF: u32 = 0x80000000u;
 const NO_CHILD: u32 = 0xffffffffu;
-// Links that wait. An upload proves that no traversal needs more.
+// Links that wait. An upload proves that no traversal needs more; the next link goes through the stack, too, and one that is not hit may lie above it.
 const STACK: u32 = 64u;
-const TOP_STACK: u32 = 48u;
 // In place of infinity, which WGSL need not know.
 const FAR: f32 = 3.0e38;
 // How far slabs are padded, in units of 2^-23 of the largest coordinate: twice the CPU's, for quotients of 2.5 ulp.
@@ -179,7 +165,7 @@ fn triangle(index: u32, ray: Traced) -> vec3f {
 
 // Whether anything below `root` lies at 0 < t < t_max.
 fn any_below(root: u32, ray: Traced, t_max: f32) -> bool {
-    var stack: array<u32, STACK>;
+    var stack: array<u32, STACK + 2u>;
     var waiting = 0u;
     var link = root;
     if (root == NO_CHILD) {
@@ -190,24 +176,20 @@ fn any_below(root: u32, ray: Traced, t_max: f32) -> bool {
         while ((link & LEAF) == 0u) {
             let enter = enter_children(link, ray, t_max);
             let child = ray_nodes[link].child;
-            var next = NO_CHILD;
-            for (var i = 0u; i < 4u; i++) {
-                if (enter[i] < FAR) {
-                    if (next != NO_CHILD) {
-                        stack[waiting] = next;
-                        waiting++;
-                    }
-                    next = child[i];
-                }
+            // Written whether hit or not: cheaper than a branch for each.
+            stack[waiting] = child.x;
+            waiting += u32(enter.x < FAR);
+            stack[waiting] = child.y;
+            waiting += u32(enter.y < FAR);
+            stack[waiting] = child.z;
+            waiting += u32(enter.z < FAR);
+            stack[waiting] = child.w;
+            waiting += u32(enter.w < FAR);
+            if (waiting == 0u) {
+                return false;
             }
-            if (next == NO_CHILD) {
-                if (waiting == 0u) {
-                    return false;
-                }
-                waiting--;
-                next = stack[waiting];
-            }
-            link = next;
+            waiting--;
+            link = stack[waiting];
         }
         // Its triangles.
         let first = link & 0x0fffffffu;
@@ -229,7 +211,7 @@ fn any_below(root: u32, ray: Traced, t_max: f32) -> bool {
 
 // The nearest of what is below `root` and of `best`; ties to the lowest primitive. Distances in the unit of `ray`.
 fn nearest_below(root: u32, ray: Traced, first_primitive: u32, best_so_far: Hit) -> Hit {
-    var stack: array<u32, STACK>;
+    var stack: array<u32, STACK + 2u>;
     var best = best_so_far;
     var waiting = 0u;
     var link = root;
@@ -246,18 +228,19 @@ fn nearest_below(root: u32, ray: Traced, first_primitive: u32, best_so_far: Hit)
             sort_pair(&enter, &child, 0u, 2u);
             sort_pair(&enter, &child, 1u, 3u);
             sort_pair(&enter, &child, 1u, 2u);
-            if (enter.w < FAR) { stack[waiting] = child.w; waiting++; }
-            if (enter.z < FAR) { stack[waiting] = child.z; waiting++; }
-            if (enter.y < FAR) { stack[waiting] = child.y; waiting++; }
-            if (enter.x < FAR) {
-                link = child.x;
-            } else {
-                if (waiting == 0u) {
-                    return best;
-                }
-                waiting--;
-                link = stack[waiting];
+            stack[waiting] = child.w;
+            waiting += u32(enter.w < FAR);
+            stack[waiting] = child.z;
+            waiting += u32(enter.z < FAR);
+            stack[waiting] = child.y;
+            waiting += u32(enter.y < FAR);
+            stack[waiting] = child.x;
+            waiting += u32(enter.x < FAR);
+            if (waiting == 0u) {
+                return best;
             }
+            waiting--;
+            link = stack[waiting];
         }
         let first = link & 0x0fffffffu;
         let end = first + ((link >> 28u) & 7u) + 1u;
@@ -291,21 +274,6 @@ fn sort_pair(key: ptr<function, vec4f>, value: ptr<function, vec4u>, i: u32, j: 
     (*value)[j] = select(y, x, swap);
 }
 
-fn into_mesh(instance: u32, point: vec3f) -> vec3f {
-    let p = vec4f(point, 1.0);
-    return vec3f(
-        dot(ray_instances[instance].x, p), dot(ray_instances[instance].y, p), dot(ray_instances[instance].z, p)
-    );
-}
-
-fn turned_into_mesh(instance: u32, direction: vec3f) -> vec3f {
-    return vec3f(
-        dot(ray_instances[instance].x.xyz, direction),
-        dot(ray_instances[instance].y.xyz, direction),
-        dot(ray_instances[instance].z.xyz, direction),
-    );
-}
-
 // x times 2^e. In two steps, so that neither leaves the range before the product does.
 fn times_power(x: f32, e: i32) -> f32 {
     let bounded = clamp(e, -252, 252);
@@ -330,121 +298,37 @@ fn near_unit(direction: vec3f, e: i32) -> vec3f {
     );
 }
 
-// The nearest hit at 0 < t < t_max, ties to the lowest primitive; `primitive` is NO_HIT without one.
-fn trace_closest(origin: vec3f, direction: vec3f, t_max: f32) -> Hit {
-    let none = Hit(0.0, NO_HIT, 0.0, 0.0);
+// A ray in the tree's scale.
+struct Asked {
+    start: vec3f,
+    // Its largest component is in [1, 2).
+    towards: vec3f,
+    // Distances grow by 2^unit: the tree's scale and the direction's.
+    unit: i32,
+    // Nothing but what is nearer than this.
+    best: Hit,
+    valid: bool,
+}
+
+fn asked(origin: vec3f, direction: vec3f, t_max: f32) -> Asked {
     let e = exponent_of(direction);
-    if (e <= -127 || e >= 128 || !(t_max > 0.0)) {
-        return none;
-    }
-    // In the tree's scale t grows by the tree's scale and the direction's.
     let unit = ray_tree.scale_exponent + e;
-    let start = origin * ray_tree.scale;
-    let towards = near_unit(direction, e);
-    let ray = traced(start, towards, ray_tree.reach);
-    if (!ray.valid) {
-        return none;
-    }
     // An end that is infinite is one beyond everything.
     let end = select(min(times_power(t_max, unit), FAR), FAR, !is_number(t_max));
-    var best = Hit(end, NO_HIT, 0.0, 0.0);
-    if (ray_tree.two_level == 0u) {
-        best = nearest_below(ray_tree.root, ray, 0u, best);
-    } else if (ray_tree.root != NO_CHILD) {
-        var stack: array<u32, TOP_STACK>;
-        var waiting = 0u;
-        var link = ray_tree.root;
-        loop {
-            if ((link & LEAF) == 0u) {
-                let enter = enter_children(link, ray, best.t);
-                let child = ray_nodes[link].child;
-                for (var i = 0u; i < 4u; i++) {
-                    if (enter[i] < FAR) {
-                        stack[waiting] = child[i];
-                        waiting++;
-                    }
-                }
-            } else {
-                let instance = link & 0x0fffffffu;
-                best = nearest_in_instance(instance, start, towards, best);
-            }
-            if (waiting == 0u) {
-                break;
-            }
-            waiting--;
-            link = stack[waiting];
-        }
-    }
-    if (best.primitive == NO_HIT) {
-        return none;
-    }
-    best.t = times_power(best.t, -unit);
-    return best;
-}
-
-fn nearest_in_instance(instance: u32, start: vec3f, towards: vec3f, best: Hit) -> Hit {
-    let direction = turned_into_mesh(instance, towards);
-    let e = exponent_of(direction);
-    if (e <= -127 || e >= 128) {
-        return best;
-    }
-    let ray = traced(into_mesh(instance, start), near_unit(direction, e), ray_instances[instance].reach);
-    if (!ray.valid) {
-        return best;
-    }
-    var local = best;
-    local.t = min(times_power(best.t, e), FAR);
-    let found = nearest_below(
-        ray_instances[instance].root, ray, ray_instances[instance].first_primitive, local
+    return Asked(
+        origin * ray_tree.scale,
+        near_unit(direction, e),
+        unit,
+        Hit(end, NO_HIT, 0.0, 0.0),
+        e > -127 && e < 128 && t_max > 0.0,
     );
-    if (found.primitive == best.primitive) {
-        return best;
-    }
-    return Hit(times_power(found.t, -e), found.primitive, found.u, found.v);
 }
 
-// Whether anything lies strictly between both points.
-fn trace_occluded(start: vec3f, end: vec3f) -> bool {
-    let from_ = start * ray_tree.scale;
-    let to = end * ray_tree.scale;
-    if (ray_tree.two_level == 0u) {
-        return occluded_below(ray_tree.root, from_, to, ray_tree.reach);
+fn answered(best: Hit, unit: i32) -> Hit {
+    if (best.primitive == NO_HIT) {
+        return Hit(0.0, NO_HIT, 0.0, 0.0);
     }
-    let ray = traced(from_, to - from_, ray_tree.reach);
-    if (!ray.valid || ray_tree.root == NO_CHILD) {
-        return false;
-    }
-    var stack: array<u32, TOP_STACK>;
-    var waiting = 0u;
-    var link = ray_tree.root;
-    loop {
-        if ((link & LEAF) == 0u) {
-            let enter = enter_children(link, ray, 1.0);
-            let child = ray_nodes[link].child;
-            for (var i = 0u; i < 4u; i++) {
-                if (enter[i] < FAR) {
-                    stack[waiting] = child[i];
-                    waiting++;
-                }
-            }
-        } else {
-            let instance = link & 0x0fffffffu;
-            if (occluded_below(
-                ray_instances[instance].root,
-                into_mesh(instance, from_),
-                into_mesh(instance, to),
-                ray_instances[instance].reach,
-            )) {
-                return true;
-            }
-        }
-        if (waiting == 0u) {
-            return false;
-        }
-        waiting--;
-        link = stack[waiting];
-    }
-    return false;
+    return Hit(times_power(best.t, -unit), best.primitive, best.u, best.v);
 }
 
 fn occluded_below(root: u32, start: vec3f, end: vec3f, reach: f32) -> bool {

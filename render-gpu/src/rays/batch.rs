@@ -15,6 +15,7 @@ pub(crate) const CLOSEST: Source = source!(
     "lib/grid.wgsl",
     "rays/records.wgsl",
     "rays/bvh.wgsl",
+    "rays/one_level.wgsl",
     "rays/batch.wgsl",
     "rays/closest.wgsl",
 );
@@ -23,8 +24,20 @@ pub(crate) const OCCLUDED: Source = source!(
     "lib/grid.wgsl",
     "rays/records.wgsl",
     "rays/bvh.wgsl",
+    "rays/one_level.wgsl",
     "rays/batch.wgsl",
     "rays/occluded.wgsl",
+);
+
+/// As [`CLOSEST`] is with instances, for validation.
+pub(crate) const CLOSEST_INSTANCE: Source = source!(
+    "closest of instances",
+    "lib/grid.wgsl",
+    "rays/records.wgsl",
+    "rays/bvh.wgsl",
+    "rays/two_level.wgsl",
+    "rays/batch.wgsl",
+    "rays/closest.wgsl",
 );
 
 /// Threads of a workgroup.

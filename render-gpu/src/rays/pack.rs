@@ -177,7 +177,7 @@ impl Packed {
         }
         let root = tree.emit(&mut self.nodes, 0, 1);
         let (scale, reach) = (power_of_two(exponent), largest * power_of_two(exponent));
-        self.tree = RayTree { scale, scale_exponent: exponent, reach, root, two_level: 1, ..self.tree };
+        self.tree = RayTree { scale, scale_exponent: exponent, reach, root, ..self.tree };
         Ok(())
     }
 
@@ -197,10 +197,10 @@ impl RayTree {
             scale_exponent: 0,
             reach: 0.0,
             root: NO_CHILD,
-            two_level: 0,
             spare0: 0,
             spare1: 0,
             spare2: 0,
+            spare3: 0,
         }
     }
 }

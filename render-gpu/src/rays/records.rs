@@ -83,14 +83,14 @@ pub struct RayTree {
     pub reach: f32,
     /// Link to the root.
     pub root: u32,
-    /// 0: one mesh in world space and no instance.
-    pub two_level: u32,
     /// Not looked at.
     pub spare0: u32,
     /// Not looked at.
     pub spare1: u32,
     /// Not looked at.
     pub spare2: u32,
+    /// Not looked at.
+    pub spare3: u32,
 }
 
 /// `WideNode` in WGSL: four boxes in 64 bytes, corners as bytes on a grid of the node's own.
@@ -165,7 +165,7 @@ pub const LAYOUTS: &[Layout] = &[
     layout!(RayRecord, "Ray": origin, t_max, direction, spare),
     layout!(SegmentRecord, "Segment": start, spare0, end, spare1),
     layout!(HitRecord, "Hit": t, primitive, u, v),
-    layout!(RayTree, "RayTree": scale, scale_exponent, reach, root, two_level, spare0, spare1, spare2),
+    layout!(RayTree, "RayTree": scale, scale_exponent, reach, root, spare0, spare1, spare2, spare3),
     layout!(WideNode, "WideNode": origin, exponents, child, low, spare0, high, spare1),
     layout!(RayTriangle, "RayTriangle": a, primitive, b, spare0, c, spare1),
     layout!(RayInstance, "RayInstance": x, y, z, root, first_primitive, reach, spare),

@@ -6,7 +6,7 @@
 //! - [`PhotonMap`]: photons in a k-d tree, with nearest-photon density estimates ([`PhotonMap::irradiance`]). Jensen 1996; what differs is in the
 //!   documentation of [`Area`].
 //! - [`IlluminationCut`]: a cut through that tree with an irradiance on each node, and a smooth look-up between them.
-//! - [`gather`]: final gather at one point; irradiance, harmonic mean distance, gradients and spherical harmonics.
+//! - [`gather`]: final gather at one point; irradiance, harmonic mean distance, gradients and spherical harmonics. [`Guide`]: directions by what earlier gathers nearby met.
 //! - [`IrradianceSamples`]: interpolation from sparse gathers to everywhere.
 //!
 //! Where to gather is the crate `clustering`'s business, or anybody's. What the host has to bring: photons from a random walk of its own, and one closure that
@@ -37,7 +37,7 @@
 //! // A ceiling point just above the middle, which sees nothing but the floor.
 //! let mut lookup = LookupScratch::default();
 //! let eye = Vec3::new(0.5, 0.02, 0.5);
-//! let sample = gather(eye, Vec3::NEG_Y, 0, &GatherParams { rays: 256, seed: 1 }, &mut GatherScratch::default(), None, |direction, _| {
+//! let sample = gather(eye, Vec3::NEG_Y, 0, &GatherParams { rays: 256, seed: 1 }, None, &mut GatherScratch::default(), None, |direction, _| {
 //!     let distance = -eye.y / direction.y;
 //!     let irradiance = cut.irradiance(eye + distance * direction, Vec3::Y, &mut lookup).unwrap_or_default();
 //!     Incoming { radiance: irradiance * (0.5 / core::f32::consts::PI), distance }
@@ -50,6 +50,7 @@ mod cut;
 mod density;
 mod error;
 mod gather;
+mod guide;
 mod lookup;
 mod nearest;
 mod photon;
@@ -62,6 +63,7 @@ pub use cut::{CutSample, IlluminationCut, Split};
 pub use density::{Area, Density, DensityParams};
 pub use error::PhotonError;
 pub use gather::{GatherParams, GatherSample, GatherScratch, Incoming, gather};
+pub use guide::{Guide, Met, SHARE as GUIDED_SHARE};
 pub use lookup::LookupScratch;
 pub use nearest::{Facing, PhotonScratch};
 pub use photon::Photon;

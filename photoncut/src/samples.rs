@@ -156,11 +156,11 @@ impl IrradianceSamples {
             .map(|(index, &sample)| Indexed { sample, distance: params.clamped(sample.mean_distance), index })
             .collect();
         let left_out = samples.len() - kept.len();
+        let nodes = points::build(&mut kept, 4);
         if params.clamp_neighbours {
-            clamp_by_neighbours(&mut kept);
+            clamp_by_neighbours(&mut kept, &nodes);
         }
         kept.iter_mut().for_each(Indexed::limit_gradients);
-        let nodes = points::build(&mut kept, 4);
         let mut reach = vec![0.0f32; nodes.len()];
         for id in (0..nodes.len()).rev() {
             let children = nodes[id].children();
@@ -349,23 +349,72 @@ impl<'a> Measure<'a> {
     }
 }
 
-/// R of each sample to the least of any sample's R plus the distance between the two.
-fn clamp_by_neighbours(samples: &mut [Indexed]) {
-    // The smallest first: what bounds others is never bounded by them any more.
-    let mut order: Vec<usize> = (0..samples.len()).collect();
-    order.sort_by(|&a, &b| samples[a].distance.total_cmp(&samples[b].distance).then(a.cmp(&b)));
-    let sorted: Vec<(Vec3, f32)> =
-        order.iter().map(|&i| (samples[i].sample.position, samples[i].distance)).collect();
-    let mut bounded = vec![0.0f32; sorted.len()];
-    lighttree::parallel::for_each(
-        &mut bounded,
-        || (),
-        |(), i, out| {
-            let (position, own) = sorted[i];
-            *out = sorted[..i].iter().fold(own, |least, &(other, r)| least.min(r + other.distance(position)));
-        },
-    );
-    for (&i, distance) in order.iter().zip(bounded) {
-        samples[i].distance = distance;
+/// R of each sample to the least of any sample's R plus the distance between the two. Once is enough, by the triangle inequality.
+fn clamp_by_neighbours(samples: &mut [Indexed], nodes: &[SpatialNode]) {
+    // The least R below each node.
+    let mut least = vec![f32::INFINITY; nodes.len()];
+    for id in (0..nodes.len()).rev() {
+        let children = nodes[id].children();
+        least[id] = if children.is_empty() {
+            let items = nodes[id].items();
+            samples[items.start as usize..items.end as usize]
+                .iter()
+                .map(|s| s.distance)
+                .fold(f32::INFINITY, f32::min)
+        } else {
+            least[children.start as usize].min(least[children.start as usize + 1])
+        };
+    }
+    let mut bounded: Vec<f32> = samples.iter().map(|sample| sample.distance).collect();
+    lighttree::parallel::for_each(&mut bounded, Vec::new, |stack: &mut Vec<u32>, i, best| {
+        let position = samples[i].sample.position;
+        stack.push(0);
+        while let Some(id) = stack.pop() {
+            let node = &nodes[id as usize];
+            let bound = least[id as usize] + node.distance_squared(position).sqrt();
+            if SLACK * bound > *best {
+                continue;
+            }
+            for slot in if node.children().is_empty() { node.items() } else { 0..0 } {
+                let other = &samples[slot as usize];
+                *best = best.min(other.distance + other.sample.position.distance(position));
+            }
+            stack.extend(node.children());
+        }
+    });
+    samples.iter_mut().zip(bounded).for_each(|(sample, distance)| sample.distance = distance);
+}
+
+#[cfg(test)]
+mod tests {
+    use lighttree::rng::Random;
+
+    use super::*;
+
+    /// By the tree as by asking everybody.
+    #[test]
+    fn neighbours_bound_each_other() {
+        let mut random = Random::new(1, 0, 0);
+        let samples: Vec<_> = (0..500)
+            .map(|_| GatherSample {
+                position: Vec3::new(random.f32(), random.f32(), random.f32()),
+                normal: Vec3::Y,
+                irradiance: Vec3::ONE,
+                mean_distance: random.f32().powi(3),
+                rotation: [Vec3::ZERO; 3],
+                translation: [Vec3::ZERO; 3],
+            })
+            .collect();
+        let (index, _) = IrradianceSamples::new(&samples, &InterpolationParams::new(1.0));
+        let mut changed = 0;
+        for Indexed { sample, distance, .. } in &index.samples {
+            let own = sample.mean_distance.max(1e-3);
+            let expected = samples.iter().fold(own, |least, other| {
+                least.min(other.mean_distance.max(1e-3) + other.position.distance(sample.position))
+            });
+            assert_eq!(*distance, expected);
+            changed += u32::from(expected < own);
+        }
+        assert!((100..500).contains(&changed), "{changed}");
     }
 }

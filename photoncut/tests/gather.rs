@@ -7,15 +7,16 @@ use core::f32::consts::PI;
 use glam::Vec3;
 use lighttree::rng::Random;
 use photoncut::{
-    DensityParams, GatherParams, GatherSample, GatherScratch, IlluminationCut, Incoming, InterpolationParams,
-    IrradianceSamples, LookupScratch, PhotonScratch, Place, RadianceSh, SampleScratch, gather,
+    DensityParams, GatherParams, GatherSample, GatherScratch, Guide, IlluminationCut, Incoming,
+    InterpolationParams, IrradianceSamples, LookupScratch, PhotonScratch, Place, RadianceSh, SampleScratch,
+    gather,
 };
 
 const PARAMS: GatherParams = GatherParams { rays: 400, seed: 1 };
 
 fn at(position: Vec3, normal: Vec3, rays: u32, light: impl Fn(Vec3) -> Incoming) -> GatherSample {
     let params = GatherParams { rays, seed: 1 };
-    gather(position, normal, 0, &params, &mut GatherScratch::default(), None, |d, _| light(d))
+    gather(position, normal, 0, &params, None, &mut GatherScratch::default(), None, |d, _| light(d))
 }
 
 /// E51: in a closed box whose walls emit radiance 1 and reflect half, irradiance is 2π everywhere, of which half is gathered. Every approximation on its own.
@@ -35,12 +36,12 @@ fn white_furnace() {
     for index in 0..POINTS {
         let (position, normal) = common::wall_point(&mut random);
         let origin = position + 1e-5 * normal;
-        let exact = gather(position, normal, index, &PARAMS, &mut scratch, None, |d, _| {
+        let exact = gather(position, normal, index, &PARAMS, None, &mut scratch, None, |d, _| {
             let (distance, place, facing) = common::hit(origin, d);
             let irradiance = map.irradiance(place, facing, &density, &mut photons).irradiance;
             Incoming { radiance: irradiance * (ALBEDO / PI), distance }
         });
-        let sparse = gather(position, normal, index, &PARAMS, &mut scratch, None, |d, _| {
+        let sparse = gather(position, normal, index, &PARAMS, None, &mut scratch, None, |d, _| {
             let (distance, place, facing) = common::hit(origin, d);
             let irradiance = cut.irradiance_or_density(&map, place, facing, &density, &mut lookup).0;
             Incoming { radiance: irradiance * (ALBEDO / PI), distance }
@@ -69,7 +70,7 @@ fn constant_light_is_exact_and_so_are_its_harmonics() {
     let mut sh = RadianceSh::default();
     let constant = |_: Vec3, _: &mut Random| Incoming { radiance: Vec3::ONE, distance: 2.0 };
     let sample =
-        gather(Vec3::ZERO, Vec3::Z, 0, &PARAMS, &mut GatherScratch::default(), Some(&mut sh), constant);
+        gather(Vec3::ZERO, Vec3::Z, 0, &PARAMS, None, &mut GatherScratch::default(), Some(&mut sh), constant);
     assert!((sample.irradiance.x - PI).abs() < 1e-5 && (sample.mean_distance - 2.0).abs() < 1e-5);
     // The mean over the whole sphere is half: exact, for strata have their solid angles.
     assert!((sh.0[0].x * 0.282_094_79 - 0.5).abs() < 1e-5);
@@ -79,6 +80,67 @@ fn constant_light_is_exact_and_so_are_its_harmonics() {
     );
     let none = at(Vec3::ZERO, Vec3::Z, 0, |_| Incoming { radiance: Vec3::ZERO, distance: f32::INFINITY });
     assert_eq!((none.irradiance, none.mean_distance), (Vec3::ZERO, f32::INFINITY));
+}
+
+/// A guide changes neither the mean of irradiance, harmonics and distance, nor which light makes it, and takes most of the noise of a window away.
+#[test]
+fn a_guide_is_right_in_the_mean() {
+    // A bright window low to one side of a dim room, nearer than the walls.
+    let room = |d: Vec3, _: &mut Random| {
+        let window = (d - Vec3::new(0.8, 0.1, 0.6).normalize()).length_squared() < 0.03;
+        let (radiance, distance) = if window { (Vec3::new(30.0, 20.0, 10.0), 1.0) } else { (Vec3::ONE, 4.0) };
+        Incoming { radiance, distance }
+    };
+    let mut scratch = GatherScratch::default();
+    let all = |guide: Option<&Guide>, first: u32, scratch: &mut GatherScratch| {
+        const POINTS: u32 = 600;
+        let params = GatherParams { rays: 64, seed: 5 };
+        let (mut mean, mut square, mut distance, mut sh) = (0.0, 0.0, 0.0, RadianceSh::default());
+        for index in first..first + POINTS {
+            let mut own = RadianceSh::default();
+            let s = gather(Vec3::ZERO, Vec3::Z, index, &params, guide, scratch, Some(&mut own), room);
+            sh.add_scaled(&own, 1.0 / POINTS as f32);
+            let e = f64::from(s.irradiance.x);
+            (mean, square) = (mean + e / f64::from(POINTS), square + e * e / f64::from(POINTS));
+            distance += 1.0 / f64::from(s.mean_distance) / f64::from(POINTS);
+        }
+        ((mean, square - mean * mean), distance, sh)
+    };
+    let truth = gather(
+        Vec3::ZERO,
+        Vec3::Z,
+        0,
+        &GatherParams { rays: 1 << 20, seed: 1 },
+        None,
+        &mut scratch,
+        None,
+        room,
+    );
+    let ((_, noise), ..) = all(None, 0, &mut scratch);
+    let few = GatherParams { rays: 300, seed: 8 };
+    gather(Vec3::ZERO, Vec3::Z, 0, &few, None, &mut scratch, None, room);
+    let mut guide = Guide::default();
+    guide.toward(Vec3::ZERO, Vec3::Z, scratch.met(Vec3::ZERO));
+    let ((mean, guided_noise), distance, sh) = all(Some(&guide), 1000, &mut scratch);
+    assert!(guided_noise < 0.3 * noise, "variance {guided_noise}, without a guide {noise}");
+    let off = (mean - f64::from(truth.irradiance.x)).abs();
+    assert!(off < 4.0 * (guided_noise / 600.0).sqrt() + 2e-3, "{mean} and {}", truth.irradiance.x);
+    assert!((distance * f64::from(truth.mean_distance) - 1.0).abs() < 0.01, "{distance}");
+    // Harmonics against those of many rays without a guide.
+    let mut plain = RadianceSh::default();
+    gather(
+        Vec3::ZERO,
+        Vec3::Z,
+        0,
+        &GatherParams { rays: 1 << 16, seed: 1 },
+        None,
+        &mut scratch,
+        Some(&mut plain),
+        room,
+    );
+    for (c, (a, b)) in sh.0.iter().zip(plain.0).enumerate() {
+        assert!((*a - b).length() < 0.05 * plain.0[0].length(), "harmonic {c}: {a} and {b}");
+    }
 }
 
 /// Gradients against finite differences: a bright patch on a ceiling one unit above.
@@ -99,6 +161,17 @@ fn gradients_foretell_neighbours() {
     };
     const RAYS: u32 = 40_000;
     let here = at(Vec3::ZERO, Vec3::Z, RAYS, patch(Vec3::ZERO));
+    // Those of guided rays are the same.
+    let mut scratch = GatherScratch::default();
+    let light = |d: Vec3, _: &mut Random| patch(Vec3::ZERO)(d);
+    gather(Vec3::ZERO, Vec3::Z, 0, &PARAMS, None, &mut scratch, None, light);
+    let mut guide = Guide::default();
+    guide.toward(Vec3::ZERO, Vec3::Z, scratch.met(Vec3::ZERO));
+    let params = GatherParams { rays: RAYS, seed: 2 };
+    let guided = gather(Vec3::ZERO, Vec3::Z, 0, &params, Some(&guide), &mut scratch, None, light);
+    for (a, b) in [(guided.rotation[0], here.rotation[0]), (guided.translation[0], here.translation[0])] {
+        assert!((a - b).length() < 0.03 * b.length(), "{a} and {b}");
+    }
     let step = 0.05;
     for way in [Vec3::X, Vec3::Y, Vec3::new(-0.6, 0.8, 0.0)] {
         let ahead = at(step * way, Vec3::Z, RAYS, patch(step * way)).irradiance.x;

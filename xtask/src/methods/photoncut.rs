@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 
 use glam::{DVec3, Vec3};
 use photoncut::{
-    Area, DensityParams, GatherScratch, LookupScratch, PhotonScratch, RadianceSh, SampleScratch,
+    Area, DensityParams, GatherScratch, Guide, LookupScratch, PhotonScratch, RadianceSh, SampleScratch,
 };
 use scene::bsdf::{Bsdf, Transport};
 use scene::{Counts, Frame, Geometry, IndirectLighting, ShadingPoint};
@@ -81,14 +81,14 @@ pub(super) const GATHER_KEYS: [Key; 10] =
     [PHOTONS, CAUSTICS, CAUSTIC_RADIUS, NEAREST, AREA, FLATTEN, RAYS, DIRECT, LIGHTS, trees::BUILDER];
 
 /// Dials of `photoncut`.
-pub(super) const PHOTONCUT_KEYS: [Key; 27] = [
+pub(super) const PHOTONCUT_KEYS: [Key; 28] = [
     PHOTONS,
     CAUSTICS,
     CAUSTIC_RADIUS,
     NEAREST,
     AREA,
     FLATTEN,
-    RAYS,
+    Key { default: "200", ..RAYS },
     DIRECT,
     LIGHTS,
     trees::BUILDER,
@@ -124,7 +124,7 @@ pub(super) const PHOTONCUT_KEYS: [Key; 27] = [
     },
     Key {
         name: "samples",
-        default: "3000",
+        default: "6000",
         range: Range::Whole(1, 10_000_000),
         trades: "points where light is gathered: finer indirect shadows, for time",
     },
@@ -136,9 +136,15 @@ pub(super) const PHOTONCUT_KEYS: [Key; 27] = [
     },
     Key {
         name: "finer",
-        default: "2",
+        default: "4",
         range: Range::Whole(1, 64),
         trades: "how many times fewer rays each doubtful point casts, and how many times more of them there are: more finds smaller gaps, for noise",
+    },
+    Key {
+        name: "guide",
+        default: "on",
+        range: Range::OneOf(&["on", "off"]),
+        trades: "on sends most gather rays where those of points nearby met light: less noise where windows and bright spots light a room, for 16 bytes a ray",
     },
     Key {
         name: "probes",
@@ -221,6 +227,7 @@ pub(crate) struct PhotonLight<'a> {
 #[derive(Default)]
 pub(crate) struct Memory {
     pub(crate) gather: GatherScratch,
+    pub(crate) guide: Guide,
     pub(crate) lookup: LookupScratch,
     pub(crate) photons: PhotonScratch,
     samples: SampleScratch,

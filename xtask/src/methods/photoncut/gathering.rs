@@ -4,13 +4,15 @@ use core::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 use lighttree::rng::Random;
-use photoncut::{GatherParams, GatherSample, Incoming, LookupScratch, PhotonScratch, RadianceSh, gather};
+use photoncut::{
+    GatherParams, GatherSample, Guide, Incoming, LookupScratch, PhotonScratch, RadianceSh, gather,
+};
 use scene::bsdf::Transport;
 use scene::{Counts, Coverage, Frame, Geometry, MAX_CHAIN, Purpose, ShadingPoint, vertex};
 
 use super::{Maps, Memory, is_lambert, sample};
 
-/// Gathers at a point over the whole hemisphere. `index` decides the random numbers.
+/// Gathers at a point over the whole hemisphere; `guided`, in the directions that the memory's guide says. `index` decides the random numbers.
 #[expect(clippy::too_many_arguments, reason = "the state of one point")]
 pub(super) fn at<Q: Geometry>(
     frame: &Frame<'_, Q>,
@@ -18,14 +20,16 @@ pub(super) fn at<Q: Geometry>(
     point: &ShadingPoint,
     index: u32,
     rays: u32,
+    guided: bool,
     harmonics: Option<&mut RadianceSh>,
     scratch: &mut Q::Scratch,
     memory: &mut Memory,
     counts: &mut Counts,
 ) -> GatherSample {
     let params = GatherParams { rays, seed: frame.seed ^ Purpose::Path.salt() };
-    let Memory { gather: own, lookup, photons, .. } = memory;
-    gather(point.position, point.normal, index, &params, own, harmonics, |direction, random| {
+    let Memory { gather: own, guide, lookup, photons, .. } = memory;
+    let guide: Option<&Guide> = guided.then_some(guide);
+    gather(point.position, point.normal, index, &params, guide, own, harmonics, |direction, random| {
         incoming(frame, maps, point, direction, random, scratch, lookup, photons, counts)
     })
 }
@@ -45,7 +49,7 @@ pub(super) fn reflected<Q: Geometry>(
     }
     // Camera samples of a pixel gather with numbers of their own.
     let index = lighttree::rng::pcg4d([point.pixel, point.sample, 0, 0])[0];
-    let sample = at(frame, maps, point, index, rays, None, scratch, memory, counts);
+    let sample = at(frame, maps, point, index, rays, false, None, scratch, memory, counts);
     point.bsdf.diffuse_albedo(point.normal, point.wo) * FRAC_1_PI * sample.irradiance
 }
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 use clustering::{ClusterError, ClusterParams, Clusters, Metric, OrientedPoint, Seeding, cluster};
 use glam::Vec3;
 use lighttree::RayQueries;
-use photoncut::{GatherParams, GatherSample, InterpolationParams, IrradianceSamples, RadianceSh};
+use photoncut::{GatherParams, GatherSample, InterpolationParams, IrradianceSamples, Met, RadianceSh};
 use rayon::prelude::*;
 use scene::{
     Camera, Counts, Frame, RenderParams, Requirements, SceneRays, ShadingPoint, camera_path, camera_ray,
@@ -27,8 +27,11 @@ pub(crate) struct Sparse {
 /// Rounds of points that are chosen by doubt: each sees what the one before has found.
 const ROUNDS: u32 = 3;
 
-/// A gathered point, with harmonics where the scene has glossy surfaces.
-type Gathered = (GatherSample, Option<RadianceSh>, Counts);
+/// One in so many clusters is gathered for in each of the first rounds: what their rays meet guides those of the next.
+const PIONEERS: [usize; 3] = [16, 4, 1];
+
+/// A gathered point, with harmonics where the scene has glossy surfaces, and what its rays met where they guide others.
+type Gathered = (GatherSample, Option<RadianceSh>, Vec<Met>, Counts);
 
 impl Sparse {
     /// Clusters what the camera sees in the first sample of each pixel, and gathers at each cluster's representative, then where what these foretell disagrees: at more points,
@@ -81,10 +84,16 @@ impl Sparse {
             planes: settings.number("planes").unwrap_or(0.0),
             ..InterpolationParams::new(frame.radius)
         };
-        let mut gatherer = Gatherer::new(frame, maps, &points, settings);
-        let representatives: Vec<u32> = (0..clusters.len()).map(|k| clusters.representative(k)).collect();
+        let mut gatherer = Gatherer::new(frame, maps, &points, &nearness, interpolation, settings);
         let rays = settings.whole("rays");
-        gatherer.gather(&representatives, rays);
+        let mut first: Vec<usize> = (0..clusters.len()).collect();
+        for apart in PIONEERS {
+            let (now, later): (Vec<_>, Vec<_>) = first.into_iter().partition(|k| k % apart == 0);
+            let now: Vec<u32> = now.into_iter().map(|k| clusters.representative(k)).collect();
+            let nearby = gatherer.index();
+            gatherer.gather(&now, rays, &nearby);
+            first = later;
+        }
 
         // And where what these foretell disagrees.
         let mut doubted = 0.0;
@@ -95,10 +104,11 @@ impl Sparse {
             let start = Instant::now();
             let more = left / (ROUNDS - round);
             if more > 0 {
-                let weights = gatherer.doubts(&nearness, &interpolation, round);
+                let nearby = gatherer.index();
+                let weights = gatherer.doubts(round, &nearby);
                 let chosen = seeding.weighted(&oriented, &weights, more)?;
                 doubted += start.elapsed().as_secs_f64();
-                gatherer.gather(&chosen, rays.div_ceil(finer));
+                gatherer.gather(&chosen, rays.div_ceil(finer), &nearby);
                 left -= more;
             }
         }
@@ -127,7 +137,8 @@ impl Sparse {
             counts.fallbacks,
         );
         *before = Some(clusters);
-        Ok(Self { samples, nearness, harmonics: gatherer.harmonics, counts })
+        let harmonics = gatherer.harmonics;
+        Ok(Self { samples, nearness, harmonics, counts })
     }
 
     /// Harmonics of what comes in, sample by sample, if there are any.
@@ -141,11 +152,17 @@ struct Gatherer<'a> {
     frame: &'a Frame<'a, SceneRays>,
     maps: &'a Maps,
     points: &'a [ShadingPoint],
+    nearness: &'a Nearness,
+    interpolation: InterpolationParams,
     /// Of the harmonics; `None`: nothing is glossy.
     window: Option<f32>,
+    /// Whether rays go where others met light.
+    guided: bool,
     pool: Pool,
     samples: Vec<GatherSample>,
     harmonics: Vec<RadianceSh>,
+    /// What the rays of each sample met, where it guides.
+    met: Vec<Vec<Met>>,
     counts: Counts,
     /// Rays from the points, without those that go on through mirrors and glass.
     cast: u64,
@@ -157,6 +174,8 @@ impl<'a> Gatherer<'a> {
         frame: &'a Frame<'a, SceneRays>,
         maps: &'a Maps,
         points: &'a [ShadingPoint],
+        nearness: &'a Nearness,
+        interpolation: InterpolationParams,
         settings: &Settings,
     ) -> Self {
         let glossy = settings.whole("gloss_rays") == 0
@@ -165,18 +184,27 @@ impl<'a> Gatherer<'a> {
             frame,
             maps,
             points,
+            nearness,
+            interpolation,
+            guided: settings.text("guide") == "on",
             window: glossy.then(|| settings.number("window").unwrap_or(f32::INFINITY)),
             pool: Pool::default(),
             samples: Vec::new(),
             harmonics: Vec::new(),
+            met: Vec::new(),
             counts: Counts::default(),
             cast: 0,
             seconds: 0.0,
         }
     }
 
-    /// Adds samples of about `rays` rays at the points of these indices.
-    fn gather(&mut self, chosen: &[u32], rays: u32) {
+    /// What has been gathered, ready to be asked.
+    fn index(&self) -> IrradianceSamples {
+        IrradianceSamples::new(&self.samples, &self.interpolation).0
+    }
+
+    /// Adds samples of `rays` rays at the points of these indices, guided by those `nearby`.
+    fn gather(&mut self, chosen: &[u32], rays: u32, nearby: &IrradianceSamples) {
         let start = Instant::now();
         let first = self.samples.len();
         let gathered: Vec<Gathered> = (0..chosen.len())
@@ -185,33 +213,52 @@ impl<'a> Gatherer<'a> {
                 let point = &self.points[chosen[i] as usize];
                 let mut counts = Counts::default();
                 let mut harmonics = self.window.map(|_| RadianceSh::default());
-                let sample = self.pool.with(|memory| {
+                let (sample, met) = self.pool.with(|memory| {
+                    let guided = self.guided && !nearby.is_empty();
+                    if guided {
+                        let place = &self.nearness.places()[chosen[i] as usize];
+                        let shares = nearby.shares(place, &mut memory.samples);
+                        let met = shares.iter().flat_map(|share| &self.met[share.index as usize]);
+                        memory.guide.toward(point.position, point.normal, met.copied());
+                    }
                     let (index, sh) = ((first + i) as u32, harmonics.as_mut());
                     let Self { frame, maps, .. } = *self;
-                    gathering::at(frame, maps, point, index, rays, sh, scratch, memory, &mut counts)
+                    let sample = gathering::at(
+                        frame,
+                        maps,
+                        point,
+                        index,
+                        rays,
+                        guided,
+                        sh,
+                        scratch,
+                        memory,
+                        &mut counts,
+                    );
+                    let met = memory.gather.met(point.position).filter(|_| self.guided).collect();
+                    (sample, met)
                 });
-                (sample, harmonics, counts)
+                (sample, harmonics, met, counts)
             })
             .collect();
-        for (sample, sh, own) in gathered {
+        for (sample, sh, met, own) in gathered {
             self.samples.push(sample);
             let window = self.window.unwrap_or(f32::INFINITY);
             self.harmonics.extend(sh.map(|sh| sh.windowed(window)));
+            self.met.push(met);
             self.counts.add(&own);
         }
-        let (rings, sectors) = GatherParams { rays, seed: 0 }.strata();
-        self.cast += chosen.len() as u64 * u64::from(rings * sectors);
+        self.cast += chosen.len() as u64 * u64::from(GatherParams { rays, seed: 0 }.count());
         self.seconds += start.elapsed().as_secs_f64();
     }
 
     /// What each point weighs when more are chosen: its squared doubt. A round looks at its own share of the points, and leaves the others at 0.
-    fn doubts(&self, nearness: &Nearness, params: &InterpolationParams, round: u32) -> Vec<f32> {
-        let (samples, _) = IrradianceSamples::new(&self.samples, params);
+    fn doubts(&self, round: u32, samples: &IrradianceSamples) -> Vec<f32> {
         let doubt = |scratch: &mut _, i: usize| {
             if i as u32 % ROUNDS != round {
                 return 0.0;
             }
-            samples.doubt(&nearness.places()[i], scratch).powi(2)
+            samples.doubt(&self.nearness.places()[i], scratch).powi(2)
         };
         (0..self.points.len()).into_par_iter().map_init(Default::default, doubt).collect()
     }

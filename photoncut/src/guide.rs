@@ -1,0 +1,247 @@
+//! Where to send gather rays: where the rays of earlier gathers nearby met light.
+//!
+//! Jensen, "Importance Driven Path Tracing Using the Photon Map", 1995, draws directions from those of the photons near a point. A hundred photons are a noisy histogram: over
+//! the same grid what gather rays of four neighbours met is worth twice as much, shadows included, and has been paid for. Differs from Jensen also: a cell counts by the root mean
+//! square of the radiance in it, which is what the variance of a ray asks for (Vorba et al., "On-line Learning of Parametric Mixture Models for Light Transport Simulation",
+//! 2014, and others after them, take the mean); a fixed share of the rays follows the cosine, so that no ray counts more than 1 / (1 - [`SHARE`]) times its part.
+
+use core::f32::consts::TAU;
+
+use glam::Vec3;
+
+/// Cells of a guide on each side.
+const SIDE: usize = 16;
+
+/// Cells of a guide.
+const CELLS: usize = SIDE * SIDE;
+
+/// Share of the rays that a guide sends its own way; the others follow the cosine.
+pub const SHARE: f32 = 0.8;
+
+/// Where a gather ray ended, and what came from there: 16 bytes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct Met {
+    /// World-space position.
+    pub position: Vec3,
+    /// W·m⁻²·sr⁻¹, mean of the channels.
+    pub radiance: f32,
+}
+
+/// A density of directions over the hemisphere of a normal, constant in each cell of a grid in the square of sin² θ and φ ÷ 2π, in which the cosine is even. Exact: what
+/// [`draw`](Self::draw) returns is drawn with just the density that it names. 2.1 KiB; used again from point to point, it allocates nothing.
+#[derive(Clone, Debug)]
+pub struct Guide {
+    /// Σ L² and rays of each cell, then their blurred sums.
+    cells: [[f32; 2]; CELLS],
+    /// Where rows end: from 0 to 1.
+    rows: [f32; SIDE + 1],
+    /// Where cells of each row end: each from 0 to 1.
+    columns: [[f32; SIDE + 1]; SIDE],
+}
+
+impl Default for Guide {
+    /// Follows the cosine alone.
+    fn default() -> Self {
+        let even = core::array::from_fn(|i| i as f32 / SIDE as f32);
+        Self { cells: [[0.0; 2]; CELLS], rows: even, columns: [even; SIDE] }
+    }
+}
+
+impl Guide {
+    /// Directions from `position`, over the hemisphere of the unit `normal`, in which light was met. What lies below, or is no number, is left out; nothing met, or
+    /// nothing but darkness: the cosine alone.
+    pub fn toward(&mut self, position: Vec3, normal: Vec3, met: impl IntoIterator<Item = Met>) {
+        self.cells.fill([0.0; 2]);
+        let (x, y) = normal.any_orthonormal_pair();
+        for Met { position: end, radiance } in met {
+            let direction = (end - position).normalize_or_zero();
+            if direction.dot(normal) > 0.0 && radiance.is_finite() {
+                let (a, b) = (direction.dot(x), direction.dot(y));
+                let turn = b.atan2(a) / TAU;
+                let cell = &mut self.cells[cell([a * a + b * b, if turn < 0.0 { turn + 1.0 } else { turn }])];
+                cell[0] += radiance * radiance;
+                cell[1] += 1.0;
+            }
+        }
+        self.blur();
+        self.sum_up();
+    }
+
+    /// A kernel of 1 2 1 either way: around, where φ begins again, and up to the edges of sin² θ.
+    fn blur(&mut self) {
+        let at = |cells: &[[f32; 2]; CELLS], row: usize, column: usize| cells[row * SIDE + column % SIDE];
+        let mut around = [[0.0; 2]; CELLS];
+        for (i, out) in around.iter_mut().enumerate() {
+            let (row, column) = (i / SIDE, i % SIDE);
+            let [a, b, c] = [SIDE - 1, 0, 1].map(|step| at(&self.cells, row, column + step));
+            *out = core::array::from_fn(|k| a[k] + 2.0 * b[k] + c[k]);
+        }
+        for (i, out) in self.cells.iter_mut().enumerate() {
+            let (row, column) = (i / SIDE, i % SIDE);
+            let [a, b, c] = [row.saturating_sub(1), row, (row + 1).min(SIDE - 1)];
+            let [a, b, c] = [a, b, c].map(|row| at(&around, row, column));
+            *out = core::array::from_fn(|k| a[k] + 2.0 * b[k] + c[k]);
+        }
+    }
+
+    /// Cumulative sums of the cells' weights.
+    fn sum_up(&mut self) {
+        // Where no ray went, what the mean cell has.
+        let (light, rays) = self.cells.iter().fold((0.0, 0.0), |sum, c| (sum.0 + c[0], sum.1 + c[1]));
+        let elsewhere = if rays > 0.0 { (light / rays).sqrt() } else { 0.0 };
+        let weight = |[light, rays]: [f32; 2]| if rays > 0.0 { (light / rays).sqrt() } else { elsewhere };
+        let sum: f32 = self.cells.iter().map(|&cell| weight(cell)).sum();
+        if !(sum.is_normal() && sum.is_finite()) {
+            *self = Self::default();
+            return;
+        }
+        let even = (1.0 - SHARE) / CELLS as f32;
+        let probability =
+            |row: usize, column: usize| even + SHARE * (weight(self.cells[row * SIDE + column]) / sum);
+        let mut total = 0.0;
+        let mut ends = [0.0; SIDE + 1];
+        for row in 0..SIDE {
+            let columns = &mut self.columns[row];
+            let mut sum = 0.0;
+            for column in 0..SIDE {
+                sum += probability(row, column);
+                columns[column + 1] = sum;
+            }
+            columns.iter_mut().for_each(|end| *end /= sum);
+            columns[SIDE] = 1.0;
+            total += sum;
+            ends[row + 1] = total;
+        }
+        self.rows = ends.map(|end| end / total);
+        self.rows[SIDE] = 1.0;
+    }
+
+    /// A point of the square out of one that is drawn evenly from [0, 1)², and its density there: 1 where the guide follows the cosine, at least about 1 - [`SHARE`]. Monotone in
+    /// both numbers, so that what is spread well stays so.
+    #[inline]
+    pub fn draw(&self, [u, v]: [f32; 2]) -> ([f32; 2], f32) {
+        let (row, across, height) = within(&self.rows, u);
+        let (column, along, width) = within(&self.columns[row], v);
+        let at = [(row as f32 + across) / SIDE as f32, (column as f32 + along) / SIDE as f32];
+        (at, height * width * CELLS as f32)
+    }
+
+    /// The density at a point of the square: what [`draw`](Self::draw) names there.
+    pub fn density(&self, at: [f32; 2]) -> f32 {
+        let (row, column) = (cell(at) / SIDE, cell(at) % SIDE);
+        let columns = &self.columns[row];
+        (self.rows[row + 1] - self.rows[row]) * (columns[column + 1] - columns[column]) * CELLS as f32
+    }
+}
+
+/// The cell of a point of the square; of the nearest one outside of it.
+#[inline]
+fn cell([u, v]: [f32; 2]) -> usize {
+    let index = |x: f32| ((x * SIDE as f32) as usize).min(SIDE - 1);
+    index(u) * SIDE + index(v)
+}
+
+/// The part of [0, 1) that `x` is in, where in it, in [0, 1), and how wide it is.
+#[inline]
+fn within(ends: &[f32; SIDE + 1], x: f32) -> (usize, f32, f32) {
+    let part = ends[1..SIDE].partition_point(|&end| end <= x);
+    let width = ends[part + 1] - ends[part];
+    // Below 1 by so much that it is still below once the part's number is added.
+    (part, ((x - ends[part]) / width).clamp(0.0, 1.0 - SIDE as f32 * f32::EPSILON), width)
+}
+
+/// The unit direction of a point of the square: φ from `x` towards `y`, θ from `normal`.
+#[inline]
+pub(crate) fn direction([u, v]: [f32; 2], [x, y, normal]: [Vec3; 3]) -> Vec3 {
+    let (sin_turn, cos_turn) = (TAU * v).sin_cos();
+    let (sin, cos) = (u.sqrt(), (1.0 - u).max(0.0).sqrt());
+    (sin * (cos_turn * x + sin_turn * y) + cos * normal).normalize_or(normal)
+}
+
+#[cfg(test)]
+mod tests {
+    use lighttree::rng::Random;
+
+    use super::*;
+
+    /// A window to one side, and a dim room.
+    fn window(from: Vec3, normal: Vec3) -> Guide {
+        let mut random = Random::new(3, 0, 0);
+        let met = (0..800).map(|_| {
+            let (x, y) = normal.any_orthonormal_pair();
+            let way = direction([random.f32(), random.f32()], [x, y, normal]);
+            Met { position: from + 3.0 * way, radiance: if way.x > 0.6 && way.y > 0.2 { 20.0 } else { 0.5 } }
+        });
+        let mut guide = Guide::default();
+        guide.toward(from, normal, met.collect::<Vec<_>>());
+        guide
+    }
+
+    /// Its density is 1 in all, is what is drawn, and has its floor.
+    #[test]
+    fn densities_are_exact() {
+        let guide = window(Vec3::ONE, Vec3::Y);
+        let middle = |i: usize| [(i / SIDE) as f32 + 0.5, (i % SIDE) as f32 + 0.5].map(|x| x / SIDE as f32);
+        let densities: Vec<f64> = (0..CELLS).map(|i| f64::from(guide.density(middle(i)))).collect();
+        assert!((densities.iter().sum::<f64>() / CELLS as f64 - 1.0).abs() < 1e-6);
+        let least = densities.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(least > f64::from(0.999 * (1.0 - SHARE)) && densities.iter().any(|&d| d > 3.0), "{least}");
+
+        // Chi-square over the cells; and numbers on the grid of f32, the largest below 1 among them.
+        const DRAWS: u32 = 200_000;
+        let mut random = Random::new(1, 0, 0);
+        let mut counts = [0u32; CELLS];
+        for _ in 0..DRAWS {
+            let (at, density) = guide.draw([random.f32(), random.f32()]);
+            assert_eq!(density, guide.density(at), "at {at:?}");
+            counts[cell(at)] += 1;
+        }
+        let chi: f64 = (densities.iter().zip(counts))
+            .map(|(d, n)| {
+                let expected = d * f64::from(DRAWS) / CELLS as f64;
+                (f64::from(n) - expected).powi(2) / expected
+            })
+            .sum();
+        // 255 degrees of freedom: 5 standard deviations above.
+        assert!(chi < 255.0 + 5.0 * 510f64.sqrt(), "{chi}");
+        let last = 1.0 - f32::EPSILON / 2.0;
+        for edge in [[0.0, 0.0], [last, last], [0.0, last]] {
+            let (at, density) = guide.draw(edge);
+            assert!(at.iter().all(|x| (0.0..1.0).contains(x)) && density > 0.0, "{edge:?}: {at:?}");
+        }
+    }
+
+    /// What is bright is where rays go, seen from elsewhere, too.
+    #[test]
+    fn rays_go_where_light_is() {
+        let lamp = Met { position: Vec3::new(1.0, 1.0, 0.0), radiance: 9.0 };
+        let dark = Met { position: Vec3::new(-1.0, 1.0, 0.3), radiance: 0.1 };
+        let below = Met { position: Vec3::NEG_Y, radiance: 1e9 };
+        let mut guide = Guide::default();
+        for from in [Vec3::ZERO, Vec3::new(0.5, 0.0, 0.2)] {
+            guide.toward(from, Vec3::Y, [lamp, dark, below]);
+            let (x, y) = Vec3::Y.any_orthonormal_pair();
+            let density = |to: Vec3| {
+                let way = (to - from).normalize();
+                let (a, b) = (way.dot(x), way.dot(y));
+                guide.density([a * a + b * b, (b.atan2(a) / TAU).rem_euclid(1.0)])
+            };
+            assert!(density(lamp.position) > 5.0 * density(dark.position), "from {from}");
+        }
+    }
+
+    /// Nothing to go by: the cosine.
+    #[test]
+    fn without_light_it_is_the_cosine() {
+        let mut guide = window(Vec3::ZERO, Vec3::Z);
+        let met = |radiance| Met { position: Vec3::Z, radiance };
+        for given in [vec![], vec![met(0.0)], vec![met(f32::NAN)], vec![met(f32::MAX)], vec![met(1e-30)]] {
+            guide.toward(Vec3::ZERO, Vec3::Z, given.clone());
+            let ([u, v], density) = guide.draw([0.3, 0.7]);
+            assert!(density == 1.0 && (u - 0.3).abs() + (v - 0.7).abs() < 1e-6, "{given:?}");
+        }
+        guide.toward(Vec3::ZERO, Vec3::Z, [Met { position: Vec3::ZERO, radiance: 1.0 }]);
+        assert_eq!(guide.density([0.5, 0.5]), 1.0);
+    }
+}

@@ -2,8 +2,8 @@
 //!
 //! Jensen, "Importance Driven Path Tracing Using the Photon Map", 1995, draws directions from those of the photons near a point. A hundred photons are a noisy histogram: over
 //! the same grid what gather rays of four neighbours met is worth twice as much, shadows included, and has been paid for. Differs from Jensen also: a cell counts by the root mean
-//! square of the radiance in it, which is what the variance of a ray asks for (Vorba et al., "On-line Learning of Parametric Mixture Models for Light Transport Simulation",
-//! 2014, and others after them, take the mean); a fixed share of the rays follows the cosine, so that no ray counts more than 1 / (1 - [`SHARE`]) times its part.
+//! square of the radiance in it, which is what the variance of a ray asks for (Rath et al., "Variance-Aware Path Guiding", 2020); a fixed share of the rays follows the cosine, so
+//! that no ray counts more than 1 / (1 - [`SHARE`]) times its part.
 
 use core::f32::consts::TAU;
 
@@ -29,7 +29,7 @@ pub struct Met {
 }
 
 /// A density of directions over the hemisphere of a normal, constant in each cell of a grid in the square of sin² θ and φ ÷ 2π, in which the cosine is even. Exact: what
-/// [`draw`](Self::draw) returns is drawn with just the density that it names. 2.1 KiB; used again from point to point, it allocates nothing.
+/// [`draw`](Self::draw) returns is drawn with just the density that it names. 3.2 kB; used again from point to point, it allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Guide {
     /// Σ L² and rays of each cell, then their blurred sums.
@@ -176,6 +176,11 @@ mod tests {
         let mut guide = Guide::default();
         guide.toward(from, normal, met.collect::<Vec<_>>());
         guide
+    }
+
+    #[test]
+    fn memory_is_as_stated() {
+        assert_eq!((size_of::<Guide>(), size_of::<Met>()), (3204, 16));
     }
 
     /// Its density is 1 in all, is what is drawn, and has its floor.

@@ -124,7 +124,7 @@ pub(super) const PHOTONCUT_KEYS: [Key; 28] = [
     },
     Key {
         name: "samples",
-        default: "6000",
+        default: "4000",
         range: Range::Whole(1, 10_000_000),
         trades: "points where light is gathered: finer indirect shadows, for time",
     },

@@ -8,7 +8,7 @@ use scene::{Counts, Frame, Geometry, Light, LightPoint, ShadingPoint, luminance}
 
 use super::super::lightcut::{LightcutMethod, relative};
 
-/// By node of the canopy; 44 bytes each, and 52 more where nodes are bounded.
+/// By node of the canopy; 48 bytes each, and 52 more where nodes are bounded.
 #[derive(Debug, Default)]
 pub(crate) struct NodeLights {
     nodes: Vec<NodeLight>,
@@ -26,6 +26,8 @@ pub(super) struct NodeLight {
     pub(super) kind: Kind,
     /// RGB intensity of the cluster.
     pub(super) intensity: Vec3,
+    /// Square of the distance up to which one place says too little about a light with an area; infinite where that is never enough.
+    pub(super) near_squared: f32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +35,7 @@ pub(super) enum Kind {
     /// The numbers here are all there is to know.
     Virtual,
     Point,
+    /// The numbers here are the middle of a triangle, which does for points far away.
     Area,
 }
 
@@ -44,24 +47,12 @@ impl NodeLights {
         canopy: &Canopy,
         bounded: bool,
     ) -> Self {
-        let one = |&node: &NodeId| {
-            let light = method.representatives.light(method.tree, node);
-            let intensity = method.representatives.intensity(method.tree, node);
-            let (kind, position, normal) = match frame.lights[light.0 as usize] {
-                Light::Vpl { position, normal, .. } => (Kind::Virtual, position, normal),
-                ref other if other.is_point() => (Kind::Point, Vec3::ZERO, Vec3::ZERO),
-                _ => (Kind::Area, Vec3::ZERO, Vec3::ZERO),
-            };
-            NodeLight { position, light, normal, kind, intensity }
-        };
+        let one = |&node: &NodeId| NodeLight::of(frame, method, node);
         let nodes: Vec<NodeLight> = canopy.all_in_tree().par_iter().map(one).collect();
-        let bounds = |(&node, light): (&NodeId, &NodeLight)| {
-            let sent = if method.tree.is_leaf(node) { 0.0 } else { luminance(light.intensity) };
-            LightBounds { intensity: sent, ..method.tree.bounds(node) }
-        };
+        let bounds = |(&node, light): (&NodeId, &NodeLight)| light.bounds(method, node);
         let of_all = || canopy.all_in_tree().par_iter().zip(&nodes).map(bounds).collect();
         let bounds = if bounded { of_all() } else { Vec::new() };
-        Self { nodes, bounds, plain_scale: (1e-6..1e8).contains(&frame.radius) }
+        Self { nodes, bounds, plain_scale: is_of_plain_scale(frame) }
     }
 
     /// Bounds of a node of the canopy, of luminance; `None` if nobody was to ask.
@@ -85,6 +76,48 @@ impl NodeLights {
     pub(crate) fn bytes(&self) -> usize {
         self.nodes.capacity() * size_of::<NodeLight>() + self.bounds.capacity() * size_of::<LightBounds>()
     }
+}
+
+impl NodeLight {
+    /// The light that speaks for a node of the tree.
+    pub(super) fn of<Q: Geometry>(frame: &Frame<'_, Q>, method: &LightcutMethod<'_>, node: NodeId) -> Self {
+        let light = method.representatives.light(method.tree, node);
+        let intensity = method.representatives.intensity(method.tree, node);
+        Self::of_light(&frame.lights[light.0 as usize], light, intensity)
+    }
+
+    /// A light that speaks for a cluster of that RGB intensity.
+    pub(super) fn of_light(of: &Light, light: LightId, intensity: Vec3) -> Self {
+        let (kind, position, normal, near_squared) = match *of {
+            Light::Vpl { position, normal, .. } => (Kind::Virtual, position, normal, 0.0),
+            Light::Triangle { vertices, two_sided: false, .. } => {
+                let (middle, normal, near) = far_triangle(vertices);
+                (Kind::Area, middle, normal, near * near)
+            }
+            ref other if other.is_point() => (Kind::Point, Vec3::ZERO, Vec3::ZERO, 0.0),
+            _ => (Kind::Area, Vec3::ZERO, Vec3::ZERO, f32::INFINITY),
+        };
+        Self { position, light, normal, kind, intensity, near_squared }
+    }
+
+    /// Bounds of what the node may send, as luminance: none for a leaf, which cannot be wrong.
+    pub(super) fn bounds(&self, method: &LightcutMethod<'_>, node: NodeId) -> LightBounds {
+        let sent = if method.tree.is_leaf(node) { 0.0 } else { luminance(self.intensity) };
+        LightBounds { intensity: sent, ..method.tree.bounds(node) }
+    }
+}
+
+/// A triangle's middle and normal, and the distance beyond which [`Light::point`] draws from it by area, rounded upwards.
+fn far_triangle([a, b, c]: [Vec3; 3]) -> (Vec3, Vec3, f32) {
+    let middle = (a + b + c) / 3.0;
+    let farthest = [a, b, c].map(|corner| corner.distance(middle)).into_iter().fold(0.0, f32::max);
+    let normal = (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3();
+    (middle, normal, 1.001 * Light::NEAR as f32 * farthest)
+}
+
+/// Whether squares of distances between anything in the scene are well within f32.
+pub(super) fn is_of_plain_scale<Q: Geometry>(frame: &Frame<'_, Q>) -> bool {
+    (1e-6..1e8).contains(&frame.radius)
 }
 
 /// RGB light that a light of this cluster's RGB intensity gives to `point` without shadow, for any light and any surface; and whether

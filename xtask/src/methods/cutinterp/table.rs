@@ -271,6 +271,35 @@ fn table_of_modes() {
     }
 }
 
+/// What dials are worth: each row of `LIGHTTREE_DIALS` (between semicolons) is a method and its dials, between spaces.
+#[test]
+#[ignore = "some minutes a scene"]
+fn curve_of_speed() {
+    for table in scenes() {
+        let prepared = table.stage().prepare(&table.plan("cutinterp", &[])).unwrap();
+        let lightcut = table.plan("lightcut", &[]);
+        eprintln!("== {}", table.name);
+        let (judged, _) = table.take(&prepared, &lightcut, SIZE, Some(JUDGED), &mut Left::default());
+        let mask = judged.mask.clone().unwrap();
+        let (timed, seconds) = table.take(&prepared, &lightcut, SIZE, Some(TIMED), &mut Left::default());
+        let each = seconds / timed.counts.samples as f64;
+        eprintln!("{} | {}", row("lightcut", &timed, seconds, each), table.error(&judged.film, &mask));
+        let rows = std::env::var("LIGHTTREE_DIALS").unwrap_or_else(|_| "cutinterp-vis".to_owned());
+        for dials in rows.split(';') {
+            let parts: Vec<_> = dials.split(' ').collect();
+            let plan = table.plan(parts[0], &parts[1..]);
+            // Lightcuts of any fineness are for equal time.
+            let pixels = (parts[0] == "lightcut").then_some(TIMED);
+            let (whole, seconds) = table.take(&prepared, &plan, SIZE, pixels, &mut Left::default());
+            let judged = match pixels {
+                Some(_) => table.take(&prepared, &plan, SIZE, Some(JUDGED), &mut Left::default()).0,
+                None => whole.clone(),
+            };
+            eprintln!("{} | {}", row(dials, &whole, seconds, each), table.error(&judged.film, &mask));
+        }
+    }
+}
+
 /// What rays are worth to the adaptive mode.
 #[test]
 #[ignore = "some minutes a scene"]

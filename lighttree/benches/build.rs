@@ -15,7 +15,10 @@ use std::time::{Duration, Instant};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use glam::Vec3;
 use lighttree::rng::Random;
-use lighttree::{BuildParams, LightBounds, LightTree, MortonBits, PerfectTree, PointLight, sort_keys};
+use lighttree::{
+    BuildParams, Emitter, LightBounds, LightTree, MortonBits, PerfectScratch, PerfectTree, PointLight,
+    sort_keys,
+};
 
 const PRESETS: [(&str, BuildParams); 4] = [
     ("median", BuildParams::median()),
@@ -70,6 +73,19 @@ fn least<I, R>(n: u32, prepare: impl Fn() -> I, run: impl Fn(I) -> R) -> f64 {
     (0..n).map(once).min().unwrap_or(Duration::MAX).as_secs_f64()
 }
 
+/// Least time to build over last frame's tree, in its memory, s.
+fn rebuilt(lights: &[impl Emitter + Sync], repeats: u32) -> f64 {
+    let (mut tree, mut scratch) = (PerfectTree::default(), PerfectScratch::default());
+    let once = |_| {
+        let start = Instant::now();
+        black_box(tree.rebuild(black_box(lights), MortonBits::Thirty, &mut scratch))
+            .expect("lights can be used");
+        start.elapsed()
+    };
+    // The first one has all of the memory to ask for.
+    (0..=repeats).map(once).skip(1).min().unwrap_or(Duration::MAX).as_secs_f64()
+}
+
 fn radix(mut keys: Vec<u64>) -> Vec<u64> {
     sort_keys(&mut keys, 32, 30);
     keys
@@ -96,6 +112,8 @@ fn table() {
         row("perfect", perfect);
         let points = points(&lights);
         row("points", least(repeats, || (), |()| PerfectTree::build(&points, MortonBits::Thirty)));
+        row("rebuilt", rebuilt(&lights, repeats));
+        row("points rebuilt", rebuilt(&points, repeats));
         row("first touch", least(repeats, || (), |()| first_touch(count)));
         row("radix sort", least(repeats, || keys(count), radix));
         row("sort_unstable", least(repeats, || keys(count), unstable));

@@ -68,7 +68,7 @@ pub use emitter::{
 };
 pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
 pub use node::{LightNode, PerfectNode};
-pub use perfect::PerfectTree;
+pub use perfect::{PerfectScratch, PerfectTree};
 pub use rays::{BatchRayQueries, Ray, RayBatches, RayHit, RayQueries, Segment};
 pub use receiver::{GgxReceiver, LambertReceiver, PhongReceiver, Receiver, ScatterLobes};
 pub use refit::RefitError;

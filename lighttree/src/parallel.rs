@@ -4,6 +4,8 @@
 //! Results come in the order of the work, so they depend neither on the number of threads nor on the feature, as long as the closures look at nothing
 //! but what they are given.
 
+use bytemuck::{Zeroable, zeroed_vec};
+
 /// Items that one task of [`for_each`] handles.
 const PART: usize = 1 << 10;
 
@@ -53,6 +55,16 @@ pub fn sort<T: Ord + Send>(items: &mut [T]) {
     rayon::slice::ParallelSliceMut::par_sort_unstable(items);
     #[cfg(not(feature = "parallel"))]
     items.sort_unstable();
+}
+
+/// Makes it so long, of whatever is there and of zeros: for those who overwrite all of it. New memory comes zeroed from the allocator, and is first touched by
+/// whoever fills it.
+pub(crate) fn resize<T: Zeroable + Clone>(items: &mut Vec<T>, len: usize) {
+    if items.capacity() < len {
+        *items = zeroed_vec(len);
+    } else {
+        items.resize(len, T::zeroed());
+    }
 }
 
 /// How many tasks keep every thread busy. Only for work whose result does not depend on how it was cut.

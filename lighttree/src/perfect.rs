@@ -14,7 +14,9 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use bytemuck::{must_cast, must_cast_ref};
 use glam::Vec4;
 
-use crate::build::{BuildError, MortonBits, emit::ceil_log2, morton, radix::Keyed, survey, survey::Survey};
+use crate::build::{
+    BuildError, MortonBits, emit::ceil_log2, morton, morton::Keys, radix::Keyed, survey, survey::Survey,
+};
 use crate::{
     Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, NodeId, PerfectNode, parallel,
 };
@@ -39,6 +41,28 @@ pub struct PerfectTree {
     unit: f64,
 }
 
+/// Memory of [`PerfectTree::rebuild`], reused from frame to frame: 20 bytes a light with keys of 30 bits, 36 with keys of 63.
+#[derive(Debug, Default)]
+pub struct PerfectScratch {
+    narrow: Keys<u64>,
+    wide: Keys<(u64, u32)>,
+    slots: Vec<AtomicU32>,
+}
+
+impl PerfectScratch {
+    /// Heap memory, bytes.
+    pub fn bytes(&self) -> usize {
+        self.narrow.bytes() + self.wide.bytes() + self.slots.capacity() * size_of::<AtomicU32>()
+    }
+}
+
+/// No lights.
+impl Default for PerfectTree {
+    fn default() -> Self {
+        Self { nodes: vec![], len: 0, depth: 0, shifts: vec![], late_slots: vec![], dropped: 0, unit: 1.0 }
+    }
+}
+
 /// Subtrees of at most this many levels are built by one thread, level after level while they are in its cache.
 const SERIAL_LEVELS: usize = 11;
 
@@ -50,41 +74,69 @@ impl PerfectTree {
     /// # Errors
     /// See [`BuildError`]: the first light, by index, that cannot be used.
     pub fn build(lights: &[impl Emitter + Sync], bits: MortonBits) -> Result<Self, BuildError> {
-        let survey = survey::survey(lights)?;
-        if survey.kept == 0 {
-            let late_slots = vec![u32::MAX; lights.len()];
-            return Ok(Self {
-                nodes: vec![],
-                len: 0,
-                depth: 0,
-                shifts: vec![],
-                late_slots,
-                dropped: lights.len(),
-                unit: 1.0,
-            });
-        }
-        Ok(match bits {
-            MortonBits::Thirty => Self::over(lights, &survey, &morton::sorted_30(lights, &survey)),
-            MortonBits::SixtyThree => Self::over(lights, &survey, &morton::sorted_63(lights, &survey)),
-        })
+        let mut tree = Self::default();
+        tree.rebuild(lights, bits, &mut PerfectScratch::default())?;
+        Ok(tree)
     }
 
-    /// Builds the tree whose leaves are in this order; at least one.
-    fn over<E: Emitter + Sync>(lights: &[E], survey: &Survey, order: &[impl Keyed]) -> Self {
+    /// Builds anew, in this tree's memory and with that of `scratch`: for lights that move, appear and go from frame to frame. The same bits as
+    /// [`build`](Self::build) makes, whatever was there before.
+    ///
+    /// The memory of a new tree of 10⁶ lights takes about as long to be handed out by the kernel as half of the work takes; here nothing is allocated but for a few
+    /// lists of parts, unless there are more lights than ever before.
+    ///
+    /// # Errors
+    /// See [`BuildError`]: the first light, by index, that cannot be used. The tree is then as it was.
+    pub fn rebuild(
+        &mut self,
+        lights: &[impl Emitter + Sync],
+        bits: MortonBits,
+        scratch: &mut PerfectScratch,
+    ) -> Result<(), BuildError> {
+        let survey = survey::survey(lights)?;
+        if survey.kept == 0 {
+            self.nodes.clear();
+            self.shifts.clear();
+            self.late_slots.clear();
+            self.late_slots.resize(lights.len(), u32::MAX);
+            (self.len, self.depth, self.dropped, self.unit) = (0, 0, lights.len(), 1.0);
+            return Ok(());
+        }
+        let PerfectScratch { narrow, wide, slots } = scratch;
+        match bits {
+            MortonBits::Thirty => {
+                self.fill(lights, &survey, morton::sorted_30(lights, &survey, narrow), slots);
+            }
+            MortonBits::SixtyThree => {
+                self.fill(lights, &survey, morton::sorted_63(lights, &survey, wide), slots);
+            }
+        }
+        Ok(())
+    }
+
+    /// Becomes the tree whose leaves are in this order; at least one.
+    fn fill<E: Emitter + Sync>(
+        &mut self,
+        lights: &[E],
+        survey: &Survey,
+        order: &[impl Keyed],
+        slots: &mut Vec<AtomicU32>,
+    ) {
         let depth = ceil_log2(order.len());
         let level_sizes = level_sizes(order.len(), depth);
         let (&leaf_count, inner_sizes) = level_sizes.split_last().expect("a root");
         let inner: usize = inner_sizes.iter().sum();
 
         // Inner nodes have the slots of the lights, in order; those of the lights beyond come after.
-        let slots = slots_by_light(order, lights.len().max(inner));
+        slots_by_light(order, lights.len().max(inner), slots);
         let (words, late) = slots.split_at(inner);
         let late = late.iter().take(lights.len().saturating_sub(inner));
-        let late_slots = late.map(|slot| slot.load(Relaxed)).collect();
+        self.late_slots.clear();
+        self.late_slots.extend(late.map(|slot| slot.load(Relaxed)));
 
         // Fresh pages come zeroed; first touched where they are filled, by all threads.
-        let mut nodes = bytemuck::zeroed_vec(inner + leaf_count);
-        let (inner_nodes, leaves) = nodes.split_at_mut(inner);
+        parallel::resize(&mut self.nodes, inner + leaf_count);
+        let (inner_nodes, leaves) = self.nodes.split_at_mut(inner);
         let levels = split_by_sizes(inner_nodes, inner_sizes, <[PerfectNode]>::split_at_mut);
         let words = split_by_sizes(words, inner_sizes, <[AtomicU32]>::split_at);
         let mut levels: Vec<Level<'_>> = levels.into_iter().zip(words).collect();
@@ -98,8 +150,10 @@ impl PerfectTree {
             *start += size as u32;
             Some(*start - size as u32)
         });
-        let shifts = starts.zip(0..).map(|(start, d): (u32, u32)| start.wrapping_sub(1 << d)).collect();
-        Self { nodes, len: leaf_count as u32, depth, shifts, late_slots, dropped: survey.dropped, unit }
+        self.shifts.clear();
+        self.shifts.extend(starts.zip(0..).map(|(start, d): (u32, u32)| start.wrapping_sub(1 << d)));
+        (self.len, self.depth) = (leaf_count as u32, depth);
+        (self.dropped, self.unit) = (survey.dropped, unit);
     }
 
     /// All nodes, level by level, the root first: node `i` at depth `d` is at
@@ -185,16 +239,17 @@ impl PerfectTree {
 }
 
 /// The slot of every light, `u32::MAX` for those without; at least `len` of them.
-fn slots_by_light(order: &[impl Keyed], len: usize) -> Vec<AtomicU32> {
+fn slots_by_light(order: &[impl Keyed], len: usize, slots: &mut Vec<AtomicU32>) {
     // Atomic only so that threads may share them: every slot is written once, so no order of writing shows.
-    let slots: Vec<_> = core::iter::repeat_with(|| AtomicU32::new(u32::MAX)).take(len).collect();
+    slots.clear();
+    slots.extend(core::iter::repeat_with(|| AtomicU32::new(u32::MAX)).take(len));
+    let slots = &**slots;
     let part = order.len().div_ceil(4 * parallel::threads()).max(1 << 14);
     parallel::map(order.chunks(part).zip((0..).step_by(part)).collect(), |(keys, first): (&[_], u32)| {
         for (key, slot) in keys.iter().zip(first..) {
             slots[Keyed::light(key).0 as usize].store(slot, Relaxed);
         }
     });
-    slots
 }
 
 /// Numbers of nodes at each depth.

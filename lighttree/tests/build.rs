@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use lighttree::strategies::{direction, half_angle, light_bounds};
 use lighttree::{
     BuildError, BuildParams, Emitter, LightBounds, LightHierarchy, LightId, LightNode, LightTree, MortonBits,
-    NodeId, PerfectTree, RefitError,
+    NodeId, PerfectScratch, PerfectTree, RefitError,
 };
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -254,6 +254,45 @@ fn same_bits_for_any_thread_count() {
     }
     for tree in &one.0 {
         assert_eq!(tree.check(), Ok(()));
+    }
+}
+
+/// Frame after frame in the same memory: more lights and fewer, dark ones among them, none, one that cannot be used.
+#[test]
+fn rebuilt_is_as_built() {
+    for bits in BITS {
+        let (mut tree, mut scratch) = (PerfectTree::default(), PerfectScratch::default());
+        for (count, dark) in
+            [(1000, 0), (1500, 3), (65, 2), (0, 0), (40_000, 0), (7, 7), (39_999, 5), (1, 0), (600_000, 0)]
+        {
+            let mut lights = many(count);
+            lights.rotate_left((count / 3) as usize);
+            for light in lights.iter_mut().step_by(11).take(dark) {
+                light.intensity = 0.0;
+            }
+            if dark == 7 {
+                lights.iter_mut().for_each(|light| light.intensity = 0.0);
+            }
+            tree.rebuild(&lights, bits, &mut scratch).unwrap();
+            let anew = PerfectTree::build(&lights, bits).unwrap();
+            assert!(tree == anew, "{count} lights, {dark} of them dark");
+            assert_eq!(tree.check(), Ok(()));
+            let slots = |tree: &PerfectTree| (0..count).map(|i| tree.slot_of(LightId(i))).collect::<Vec<_>>();
+            assert!(slots(&tree) == slots(&anew), "{count} lights, {dark} of them dark");
+        }
+
+        // What is in its place stays there, and what cannot be used changes nothing.
+        let (mut lights, memory) = (many(600_000), (tree.nodes().as_ptr(), scratch.bytes()));
+        lights.reverse();
+        tree.rebuild(&lights, bits, &mut scratch).unwrap();
+        assert_eq!((tree.nodes().as_ptr(), scratch.bytes()), memory);
+        let per_light = if bits == MortonBits::Thirty { 20 } else { 36 };
+        assert!(scratch.bytes() <= per_light * 610_000, "{} bytes", scratch.bytes());
+        let before = tree.clone();
+        lights[5].intensity = -1.0;
+        let error = tree.rebuild(&lights, bits, &mut scratch).unwrap_err();
+        assert_eq!(error, BuildError::NegativeIntensity { index: 5 });
+        assert!(tree == before);
     }
 }
 

@@ -143,7 +143,7 @@ fn order<E: Emitter + Sync>(lights: &[E], survey: &Survey) -> Vec<LightId> {
         range.filter_map(keyed).collect::<Vec<_>>()
     });
     let mut keys = parts.concat();
-    radix::sort(&mut keys, 0, 3 * LEVELS + 14);
+    radix::sort(&mut keys, &mut Vec::new(), 0, 3 * LEVELS + 14);
     keys.into_iter().map(|(_, light)| LightId(light)).collect()
 }
 

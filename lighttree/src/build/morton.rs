@@ -39,37 +39,60 @@ pub(crate) fn order<E: Emitter + Sync>(lights: &[E], survey: &Survey, bits: Mort
         keys.iter().map(Keyed::light).collect()
     }
     match bits {
-        MortonBits::Thirty => ids(&sorted_30(lights, survey)),
-        MortonBits::SixtyThree => ids(&sorted_63(lights, survey)),
+        MortonBits::Thirty => ids(sorted_30(lights, survey, &mut Keys::default())),
+        MortonBits::SixtyThree => ids(sorted_63(lights, survey, &mut Keys::default())),
+    }
+}
+
+/// Memory for keys and for sorting them, reused from build to build.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Keys<K> {
+    keys: Vec<K>,
+    other: Vec<K>,
+}
+
+impl<K> Keys<K> {
+    /// Heap memory, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        (self.keys.capacity() + self.other.capacity()) * size_of::<K>()
     }
 }
 
 /// The same with their keys of 30 bits, which stand above the lights' ids.
-pub(crate) fn sorted_30<E: Emitter + Sync>(lights: &[E], survey: &Survey) -> Vec<u64> {
-    let mut keys = keyed(lights, survey, 1 << 10, |cell, light| {
+pub(crate) fn sorted_30<'a, E: Emitter + Sync>(
+    lights: &[E],
+    survey: &Survey,
+    Keys { keys, other }: &'a mut Keys<u64>,
+) -> &'a [u64] {
+    keyed(lights, survey, 1 << 10, keys, |cell, light| {
         let key = spread_10(cell[0]) << 2 | spread_10(cell[1]) << 1 | spread_10(cell[2]);
         u64::from(key) << 32 | u64::from(light)
     });
-    radix::sort(&mut keys, 32, 30);
+    radix::sort(keys, other, 32, 30);
     keys
 }
 
 /// The same with their keys of 63 bits.
-pub(crate) fn sorted_63<E: Emitter + Sync>(lights: &[E], survey: &Survey) -> Vec<(u64, u32)> {
-    let mut keys = keyed(lights, survey, 1 << 21, |cell, light| {
+pub(crate) fn sorted_63<'a, E: Emitter + Sync>(
+    lights: &[E],
+    survey: &Survey,
+    Keys { keys, other }: &'a mut Keys<(u64, u32)>,
+) -> &'a [(u64, u32)] {
+    keyed(lights, survey, 1 << 21, keys, |cell, light| {
         (spread_21(cell[0]) << 2 | spread_21(cell[1]) << 1 | spread_21(cell[2]), light)
     });
-    radix::sort(&mut keys, 0, 63);
+    radix::sort(keys, other, 0, 63);
     keys
 }
 
 /// Keys of the lights that shine, in the order of their ids.
-fn keyed<E: Emitter + Sync, K: Copy + Default + Send>(
+fn keyed<E: Emitter + Sync, K: Keyed>(
     lights: &[E],
     survey: &Survey,
     cells: u32,
+    keys: &mut Vec<K>,
     key: impl Fn([u32; 3], u32) -> K + Sync + Send,
-) -> Vec<K> {
+) {
     let scale = Vec3::splat(cells as f32) / (survey.max - survey.min);
     let cell = |center: Vec3| {
         // No extent: infinite scale, times zero: NaN, which becomes cell 0. The far edge becomes the last cell.
@@ -77,7 +100,7 @@ fn keyed<E: Emitter + Sync, K: Copy + Default + Send>(
     };
     if survey.dropped == 0 {
         // One key a light: no need to find out where each part's go.
-        let mut keys = vec![K::default(); lights.len()];
+        parallel::resize(keys, lights.len());
         let part = lights.len().div_ceil(4 * parallel::threads()).max(1 << 12);
         let parts = keys.chunks_mut(part).zip(lights.chunks(part)).zip((0..).step_by(part));
         parallel::map(parts.collect(), |((keys, lights), first): ((&mut [K], &[E]), u32)| {
@@ -85,7 +108,7 @@ fn keyed<E: Emitter + Sync, K: Copy + Default + Send>(
                 *slot = key(cell(half_center(&light.bounds())), index);
             }
         });
-        return keys;
+        return;
     }
     let parts = parallel::map(survey::chunks(lights.len()), |range| {
         let mut keys = Vec::with_capacity(range.len());
@@ -97,7 +120,8 @@ fn keyed<E: Emitter + Sync, K: Copy + Default + Send>(
         }
         keys
     });
-    parts.concat()
+    keys.clear();
+    keys.extend(parts.iter().flatten());
 }
 
 /// Bits of a 10-bit number, two zeros between each and the next.

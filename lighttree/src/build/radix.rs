@@ -6,6 +6,8 @@
 //! The parallel scatter needs no `unsafe`: the output is cut into one piece per (digit, chunk of the input), and
 //! every chunk owns its pieces.
 
+use bytemuck::Zeroable;
+
 use crate::LightId;
 use crate::parallel;
 
@@ -22,7 +24,7 @@ const BUCKET: usize = 1 << 11;
 const BUCKET_DIGIT_BITS: u32 = 11;
 
 /// Something with a key of up to 64 bits.
-pub(crate) trait Keyed: Copy + Default + Send + Sync {
+pub(crate) trait Keyed: Copy + Zeroable + Send + Sync {
     fn key(&self) -> u64;
     /// The light whose key it is.
     fn light(&self) -> LightId;
@@ -57,16 +59,16 @@ impl Keyed for (u64, u32) {
 /// If there are no such bits: `first_bit + bits` must not exceed 64.
 pub fn sort_keys(keys: &mut Vec<u64>, first_bit: u32, bits: u32) {
     assert!(first_bit <= 64 && bits <= 64 - first_bit, "a key has 64 bits");
-    sort(keys, first_bit, bits);
+    sort(keys, &mut Vec::new(), first_bit, bits);
 }
 
-/// Sorts by bits `first_bit..first_bit + bits` of the key; equal ones keep their order.
-pub(crate) fn sort<T: Keyed>(items: &mut Vec<T>, first_bit: u32, bits: u32) {
+/// Sorts by bits `first_bit..first_bit + bits` of the key; equal ones keep their order. What `other` holds is overwritten, and the two may change places.
+pub(crate) fn sort<T: Keyed>(items: &mut Vec<T>, other: &mut Vec<T>, first_bit: u32, bits: u32) {
     if items.len() < 2 {
         return;
     }
-    let mut other = vec![T::default(); items.len()];
-    if items.len() >= MIN_BUCKETED && sort_buckets(items, &mut other, first_bit, bits) {
+    parallel::resize(other, items.len());
+    if items.len() >= MIN_BUCKETED && sort_buckets(items, other, first_bit, bits) {
         return;
     }
     for shift in (first_bit..first_bit + bits).step_by(DIGIT_BITS as usize) {
@@ -74,8 +76,8 @@ pub(crate) fn sort<T: Keyed>(items: &mut Vec<T>, first_bit: u32, bits: u32) {
         let digit = |item: &T| (item.key() >> shift & mask) as usize;
         let counts = count(items, digit);
         if largest(&counts) < items.len() {
-            deal(items, &mut other, &counts, digit);
-            core::mem::swap(items, &mut other);
+            deal(items, other, &counts, digit);
+            core::mem::swap(items, other);
         }
     }
 }

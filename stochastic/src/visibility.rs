@@ -64,6 +64,11 @@ impl NodeLearning {
         }
     }
 
+    /// Bytes held.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of::<(f32, f32)>() * self.samples.capacity()
+    }
+
     /// What to multiply the nodes' estimates by: positive, and about 1 in the mean where anything was seen. Empty as long as nothing was.
     pub fn factors(&self, factors: &mut Vec<f32>) {
         factors.clear();
@@ -98,10 +103,9 @@ pub(crate) struct Phases {
 }
 
 impl Phases {
-    /// Begins the next pass; whether a phase begins with it, other than the first.
-    pub(crate) const fn next(&mut self) -> bool {
-        let after = GROWTH.saturating_mul(self.phase);
-        let begins = self.passes == if after > 1 { after } else { 1 };
+    /// Begins the next pass; whether a phase begins with it, other than the first. It may only where it `may`; otherwise the one before goes on.
+    pub(crate) fn next(&mut self, may: bool) -> bool {
+        let begins = may && self.passes > 0 && is_power_of_growth(self.passes);
         if begins {
             self.phase = self.passes;
         }
@@ -109,14 +113,9 @@ impl Phases {
         begins
     }
 
-    /// Begins the next pass of a single phase.
-    pub(crate) const fn next_of_one(&mut self) {
-        self.passes += 1;
-    }
-
-    /// Whether no pass has begun.
-    pub(crate) const fn is_new(&self) -> bool {
-        self.passes == 0
+    /// Passes begun.
+    pub(crate) const fn begun(&self) -> u32 {
+        self.passes
     }
 
     /// Which phase it is: the number of its first pass.
@@ -127,6 +126,40 @@ impl Phases {
     /// How many passes of this phase came before this one.
     pub(crate) const fn pass_of_phase(&self) -> u32 {
         self.passes.saturating_sub(1).saturating_sub(self.phase)
+    }
+}
+
+/// 1, 4, 16, 64 and so on.
+fn is_power_of_growth(pass: u32) -> bool {
+    core::iter::successors(Some(1u32), |p| p.checked_mul(GROWTH)).any(|p| p == pass)
+}
+
+/// What single samples have told, whichever nodes they are of.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Outcomes {
+    samples: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Outcomes {
+    /// A sample was drawn.
+    pub(crate) fn drawn(&mut self) {
+        self.samples += 1.0;
+    }
+
+    /// Its ρ, if it gave anything.
+    pub(crate) fn gave(&mut self, ratio: f32) {
+        if ratio > 0.0 && ratio < f32::INFINITY {
+            self.sum += f64::from(ratio);
+            self.squares += f64::from(ratio).powi(2);
+        }
+    }
+
+    /// Whether the relative variance of ρ, by nodes' estimates as they are, is above this: then there is much that no regular sequence over the nodes
+    /// takes away. Where nothing was seen, it is.
+    pub(crate) fn vary_more_than(&self, relative_variance: f64) -> bool {
+        self.sum == 0.0 || self.samples * self.squares > (1.0 + relative_variance) * self.sum.powi(2)
     }
 }
 
@@ -144,27 +177,24 @@ fn sums_in_lanes(weights: &[f32], factors: &[f32]) -> (f32, f32) {
     (plain.iter().sum::<f32>() + rest.0, learned.iter().sum::<f32>() + rest.1)
 }
 
-/// What is learned about one cut, and what of it the distributions of this phase know.
+/// What distributions of a phase know of what was told before it.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Learning {
-    /// What was told.
-    pub(crate) nodes: NodeLearning,
-    /// What to multiply estimates by in this phase; empty: 1.
+pub(crate) struct Knowledge {
+    /// What to multiply estimates by; empty: 1.
     factors: Vec<f32>,
     /// Estimate × factor, before they become a distribution.
     mixed: Vec<f32>,
 }
 
-impl Learning {
-    /// Forgets everything, and begins with so many nodes.
-    pub(crate) fn begin(&mut self, nodes: usize) {
-        self.nodes.begin(nodes);
+impl Knowledge {
+    /// Forgets everything.
+    pub(crate) fn begin(&mut self) {
         self.factors.clear();
     }
 
     /// What was told until now is known from here on.
-    pub(crate) fn begin_phase(&mut self) {
-        self.nodes.factors(&mut self.factors);
+    pub(crate) fn take(&mut self, told: &NodeLearning) {
+        told.factors(&mut self.factors);
     }
 
     /// Weights × factors, and the defensive share of the weights themselves; `None` where nothing is known that would change them.
@@ -185,7 +215,33 @@ impl Learning {
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        size_of::<f32>()
-            * (2 * self.nodes.samples.capacity() + self.factors.capacity() + self.mixed.capacity())
+        size_of::<f32>() * (self.factors.capacity() + self.mixed.capacity())
+    }
+}
+
+/// What is learned about one cut, and what of it the distributions of this phase know.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Learning {
+    /// What was told.
+    pub(crate) nodes: NodeLearning,
+    /// What is known.
+    pub(crate) known: Knowledge,
+}
+
+impl Learning {
+    /// Forgets everything, and begins with so many nodes.
+    pub(crate) fn begin(&mut self, nodes: usize) {
+        self.nodes.begin(nodes);
+        self.known.begin();
+    }
+
+    /// What was told until now is known from here on.
+    pub(crate) fn begin_phase(&mut self) {
+        self.known.take(&self.nodes);
+    }
+
+    /// Bytes held.
+    pub(crate) fn bytes(&self) -> usize {
+        self.nodes.bytes() + self.known.bytes()
     }
 }

@@ -10,12 +10,19 @@
 //! fixed, and as long as random numbers of a phase are independent of those before it, each sample is unbiased by itself. Within
 //! a phase the numbers of one pixel may be as regular as one likes; between phases they must not go on with the
 //! same sequence, for then a distribution would depend on numbers that are drawn from it.
+//!
+//! # Where it does not pay
+//! A new phase breaks the sequence, and where little is hidden that costs more than learning saves: in an open hall a quarter of the variance against a tenth. So
+//! the block looks after its first pass at how much single samples vary beyond what the nodes' estimates say, and begins a second phase only where that
+//! is much; otherwise its first goes on until pass 64, as if nothing were learned. That decision must not depend on the sequences that go on with it. So
+//! the pixels are two halves, as the fields of a chessboard, and each half asks the samples of the other. Those are of the first pass, which nothing was
+//! learned for; so what one half goes on with depends on the other's numbers alone, and each of its samples is unbiased as before.
 
 use glam::Vec3;
 use lighttree::{LightHierarchy, Receiver, ScatterLobes};
 
 use super::{CutScratch, KeptBlock, NodeCdf, ReceiverGroup, SharedCut, VisibilityStore};
-use crate::visibility::{Learning, Phases};
+use crate::visibility::{Knowledge, NodeLearning, Outcomes, Phases};
 
 /// How many distributions a pixel has: what it sees first, and what else it sees.
 const WAYS: usize = 2;
@@ -32,19 +39,43 @@ const SAME_SCATTER: f32 = 1.5;
 /// Lobes share a distribution whose axes are nearer to each other than this: squared distance over squared width.
 const SAME_AXIS: f32 = 0.25;
 
-/// A cut and the distributions of a block of pixels: (16 bytes × pixels + 80) a node, for two distributions a pixel.
+/// Samples whose relative variance is above this make a half of a block learn after its first pass.
+const PAYS: f64 = 0.6;
+
+/// From this pass on all learn: what a break of the sequence costs is little then.
+const ALL_LEARN: u32 = 64;
+
+/// A cut and the distributions of a block of pixels: (16 bytes × pixels + 92) a node, for two distributions a pixel.
 #[derive(Debug, Default)]
 pub struct BlockCdfs {
     cut: SharedCut,
     scratch: CutScratch,
     entries: Vec<Entry>,
-    learning: Option<Learning>,
+    /// What shadow rays told; `None`: nothing is to be learned.
+    told: Option<NodeLearning>,
+    /// The share of each distribution that stays without.
     defensive: f32,
+    halves: [Half; 2],
     /// What chose the cut.
     group: Option<ReceiverGroup>,
-    phases: Phases,
     /// Distributions made, for those who count.
     built: u64,
+}
+
+/// Half of a block's pixels.
+#[derive(Debug, Default)]
+struct Half {
+    phases: Phases,
+    known: Knowledge,
+    /// What came of its first pass.
+    first: Outcomes,
+    /// Whether it learns after that, as the other half's first pass has it.
+    learns: bool,
+}
+
+/// Which half a pixel is of: as on a chessboard, where rows are of eight.
+const fn half_of(pixel: usize) -> usize {
+    (pixel ^ pixel >> 3) & 1
 }
 
 /// The distribution of one receiver.
@@ -83,11 +114,15 @@ impl BlockCdfs {
         for entry in &mut self.entries {
             entry.phase = 0;
         }
-        (self.group, self.phases, self.built) = (None, Phases::default(), 0);
-        match (learn, &mut self.learning) {
-            (None, learning) => *learning = None,
-            (Some(defensive), learning) => {
-                learning.get_or_insert_default();
+        (self.group, self.built) = (None, 0);
+        for half in &mut self.halves {
+            (half.phases, half.first, half.learns) = (Phases::default(), Outcomes::default(), false);
+            half.known.begin();
+        }
+        match learn {
+            None => self.told = None,
+            Some(defensive) => {
+                self.told.get_or_insert_default();
                 self.defensive = defensive;
             }
         }
@@ -102,38 +137,39 @@ impl BlockCdfs {
         receivers: impl IntoIterator<Item = (Vec3, Vec3)>,
         earlier: Option<&VisibilityStore>,
     ) -> bool {
-        let is_first = self.phases.is_new();
-        if is_first {
+        let pass = self.halves[0].phases.begun();
+        if pass == 0 {
             let Some(group) = ReceiverGroup::of(receivers) else { return false };
             self.cut.select(tree, &group, nodes, &mut self.scratch);
             self.group = Some(group);
-            if let Some(learning) = &mut self.learning {
-                learning.begin(self.cut.nodes().len());
-                if earlier.is_some_and(|store| store.recall(tree, &group, &self.cut, &mut learning.nodes)) {
-                    learning.begin_phase();
+            if let Some(told) = &mut self.told {
+                told.begin(self.cut.nodes().len());
+                if earlier.is_some_and(|store| store.recall(tree, &group, &self.cut, told)) {
+                    self.halves.iter_mut().for_each(|half| half.known.take(told));
                 }
             }
         }
-        match &mut self.learning {
-            Some(learning) => {
-                if self.phases.next() {
-                    learning.begin_phase();
-                }
-            }
-            None => self.phases.next_of_one(),
+        if pass == 1 {
+            let [a, b] = &mut self.halves;
+            (a.learns, b.learns) = (b.first.vary_more_than(PAYS), a.first.vary_more_than(PAYS));
         }
-        is_first
+        for half in &mut self.halves {
+            let told = self.told.as_ref().filter(|_| half.learns || pass >= ALL_LEARN);
+            if half.phases.next(told.is_some()) {
+                told.into_iter().for_each(|told| half.known.take(told));
+            }
+        }
+        pass == 0
     }
 
     /// What was learned, for a later frame; `None` if nothing was to be.
     pub fn learned<T: LightHierarchy>(&self, tree: &T) -> Option<KeptBlock> {
-        let (learning, group) = (self.learning.as_ref()?, self.group?);
-        Some(KeptBlock::of(tree, group, &self.cut, &learning.nodes))
+        Some(KeptBlock::of(tree, self.group?, &self.cut, self.told.as_ref()?))
     }
 
-    /// How many passes of this phase came before this one. Where nothing is learned there is one phase.
-    pub const fn pass_of_phase(&self) -> u32 {
-        self.phases.pass_of_phase()
+    /// How many passes of this pixel's phase came before this one. Where nothing is learned there is one phase.
+    pub const fn pass_of_phase(&self, pixel: usize) -> u32 {
+        self.halves[half_of(pixel)].phases.pass_of_phase()
     }
 
     /// The cut.
@@ -162,7 +198,8 @@ impl BlockCdfs {
         let position = receiver.position();
         let lobes = receiver.lobes();
         let ways = &self.entries[WAYS * pixel..WAYS * (pixel + 1)];
-        let current = self.phases.phase() + 1;
+        let half = &mut self.halves[half_of(pixel)];
+        let current = half.phases.phase() + 1;
         let first = |fits: &dyn Fn(&Entry) -> bool| ways.iter().position(fits);
         let serves = |entry: &Entry| entry.phase != 0 && entry.serves(position, normal, lobes.as_ref());
         let found = first(&|entry| entry.phase == current && serves(entry));
@@ -180,34 +217,42 @@ impl BlockCdfs {
                 (entry.position, entry.normal, entry.lobes) = (position, normal, lobes);
             }
             entry.phase = current;
-            let learning = self.learning.as_mut();
-            let mixed = learning.and_then(|learning| learning.mix(&entry.weights, self.defensive));
+            let mixed = half.known.mix(&entry.weights, self.defensive);
             entry.cdf.build(mixed.unwrap_or(&entry.weights), true);
         }
         let Entry { cdf, weights, .. } = &self.entries[index];
         Prepared { cut: &self.cut, cdf, weights }
     }
 
-    /// Notes that a light was drawn from below this node. Must not be told of what was not drawn.
+    /// Notes that a light was drawn for this pixel from below this node. Must not be told of what was not drawn.
     #[inline]
-    pub fn drawn(&mut self, node: usize) {
-        if let Some(learning) = &mut self.learning {
-            learning.nodes.drawn(node);
+    pub fn drawn(&mut self, pixel: usize, node: usize) {
+        let Some(told) = &mut self.told else { return };
+        told.drawn(node);
+        let half = &mut self.halves[half_of(pixel)];
+        if half.phases.begun() == 1 {
+            half.first.drawn();
         }
     }
 
     /// Notes what it gave: its contribution, 0 if it is not seen, ÷ its probability below the node ÷ the node's weight.
     #[inline]
-    pub fn learn(&mut self, node: usize, ratio: f32) {
-        if let Some(learning) = &mut self.learning {
-            learning.nodes.gave(node, ratio);
+    pub fn learn(&mut self, pixel: usize, node: usize, ratio: f32) {
+        let Some(told) = &mut self.told else { return };
+        told.gave(node, ratio);
+        let half = &mut self.halves[half_of(pixel)];
+        if half.phases.begun() == 1 {
+            half.first.gave(ratio);
         }
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         let entry = |entry: &Entry| size_of::<Entry>() + 4 * entry.weights.capacity() + entry.cdf.bytes();
-        self.cut.bytes() + self.entries.iter().map(entry).sum::<usize>()
+        self.cut.bytes()
+            + self.entries.iter().map(entry).sum::<usize>()
+            + self.told.as_ref().map_or(0, NodeLearning::bytes)
+            + self.halves.iter().map(|half| half.known.bytes()).sum::<usize>()
     }
 }
 

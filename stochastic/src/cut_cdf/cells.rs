@@ -123,7 +123,7 @@ impl CellCdfs {
     /// Begins the next pass.
     pub fn begin_pass(&mut self) {
         if let Some(learned) = &mut self.learned
-            && learned.phases.next()
+            && learned.phases.next(true)
         {
             learned.cells[..learned.used].iter_mut().for_each(Learning::begin_phase);
         }
@@ -159,7 +159,7 @@ impl CellCdfs {
                 learned.enter(key, params.learning, cut.nodes().len());
                 let defensive = learned.defensive;
                 let cell = learned.current.map(|place| &mut learned.cells[place as usize]);
-                cell.and_then(|cell| cell.mix(&self.weights, defensive)).unwrap_or(&self.weights)
+                cell.and_then(|cell| cell.known.mix(&self.weights, defensive)).unwrap_or(&self.weights)
             }
             None => &self.weights,
         };

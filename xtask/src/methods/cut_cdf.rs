@@ -86,6 +86,8 @@ pub(crate) struct BlockScratch {
 /// How a node came to be drawn.
 #[derive(Clone, Copy, Debug)]
 struct NodeDrawn {
+    /// Its pixel's place in the unit.
+    pixel: u32,
     node: u32,
     /// What its receiver estimates it at.
     weight: f32,
@@ -95,6 +97,8 @@ struct NodeDrawn {
 /// What to learn by.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NodeTag {
+    /// Its pixel's place in the unit.
+    pixel: u32,
     node: u32,
     /// 1 ÷ (probability below the node × the node's weight).
     scale: f32,
@@ -142,7 +146,7 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
         if block.begin_pass(self.walk.tree(), self.nodes, receivers, Some(&self.kept.last)) {
             counts.add_cut(block.cut().nodes().len() as u64);
         }
-        let (pass, built) = (block.pass_of_phase(), block.built());
+        let built = block.built();
 
         // Draw nodes for all points, and then walk down from all of them together.
         batch.begin();
@@ -153,7 +157,7 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
             while pixels.get(place).is_some_and(|&pixel| pixel != point.pixel) {
                 place += 1;
             }
-            let before = nodes.len();
+            let (before, pass) = (nodes.len(), block.pass_of_phase(place));
             let Prepared { cut, cdf, weights } = block.prepare(place, point, point.normal);
             let first = first_number(point, seed, pass);
             batch.plan(point, seed, |index, random, walks| {
@@ -162,14 +166,13 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
                     let number = u64::from(pass) * u64::from(self.samples) + u64::from(k);
                     random.restart(first.wrapping_add(number.wrapping_mul(GOLDEN)));
                     let Some(node) = cdf.draw(random) else { break };
-                    let drawn =
-                        NodeDrawn { node: node as u32, weight: weights[node], pmf: cdf.probability(node) };
-                    nodes.push(drawn);
+                    let (pmf, weight) = (cdf.probability(node), weights[node]);
+                    nodes.push(NodeDrawn { pixel: place as u32, node: node as u32, weight, pmf });
                     walks.push(WalkFrom::after(index, cut.nodes()[node], random));
                 }
             });
             for drawn in &nodes[before..] {
-                block.drawn(drawn.node as usize);
+                block.drawn(place, drawn.node as usize);
             }
         }
         counts.node_visits += batch.walk(&self.walk, points);
@@ -195,7 +198,7 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
                     Draw {
                         light,
                         weight: 1.0 / (samples * pmf * by.pmf),
-                        tag: NodeTag { node: by.node, scale },
+                        tag: NodeTag { pixel: by.pixel, node: by.node, scale },
                     },
                     random,
                 );
@@ -205,7 +208,7 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
 
     fn learn(&self, tag: NodeTag, unoccluded: f32, visible: bool, scratch: &mut BlockScratch) {
         if visible {
-            scratch.block.learn(tag.node as usize, unoccluded * tag.scale);
+            scratch.block.learn(tag.pixel as usize, tag.node as usize, unoccluded * tag.scale);
         }
     }
 }

@@ -280,3 +280,19 @@ fn gradients(scratch: &mut GatherScratch, x: Vec3, y: Vec3) -> ([Vec3; 3], [Vec3
     }
     (rotation, translation)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A guide leaves cells without a ray: they are as those beside them, and not dark.
+    #[test]
+    fn empty_cells_are_filled() {
+        let found = Incoming { radiance: Vec3::ONE, distance: 2.0 };
+        let ray = Cast { direction: Vec3::Z, at: [0.01, 0.01], weight: 0.5, found };
+        let mut scratch = GatherScratch { rays: vec![ray; 40], ..GatherScratch::default() };
+        let (rings, sectors) = fill_cells(&mut scratch);
+        assert_eq!((rings * sectors) as usize, scratch.cells.len());
+        assert!(scratch.cells.iter().all(|cell| cell.radiance == Vec3::ONE && cell.inverse_distance == 0.5));
+    }
+}

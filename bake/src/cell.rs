@@ -19,7 +19,17 @@ use crate::{Places, Polygon, Shape, VirtualLight};
 
 /// Puts unit directions with weights into at most so many clusters: the cluster of each, counted from 0. The same input must give the same answer.
 ///
-/// `clustering::angular_clusters` is one (crate `lighttree-clustering`).
+/// With the crate `lighttree-clustering`, whose `angular_clusters` does that:
+///
+/// ```
+/// # use glam::Vec3;
+/// let group: bake::GroupDirections = |directions, weights, count| {
+///     // One cluster for all is always right.
+///     clustering::angular_clusters(directions, weights, count, 20)
+///         .map_or_else(|_| vec![0; directions.len()], |clusters| clusters.cluster_of)
+/// };
+/// assert_eq!(group(&[Vec3::X, Vec3::Y, Vec3::X], &[1.0; 3], 2), [0, 1, 0]);
+/// ```
 pub type GroupDirections = fn(directions: &[Vec3], weights: &[f32], count: u32) -> Vec<u32>;
 
 /// Steps of outlines and centres along the side of a cell.

@@ -28,6 +28,10 @@
 //! Of the host it asks the nearest surface on rays, in the geometry as it is now ([`Trace`]), and to apply updates. Which old versions of the geometry still
 //! matter for shadows, [`Baker::oldest_version`] says.
 //!
+//! `examples/own_frame_loop.rs` is a foreign engine that bakes between its frames into a store of its own, while objects move and lamps are dimmed. With the
+//! lightmap of this crate the store is [`lightmap::Lightmap`], and an update is applied by `|update| map.apply(update)`. [`Baker::save`] and
+//! [`Lightmap::resume`](lightmap::Lightmap::resume) go on in another process.
+//!
 //! The baked light, once all is done, is a function of the scene alone, whatever edits led there: the same contributions to the bit, provided that each light
 //! has the same number of paths.
 

@@ -93,17 +93,23 @@ impl BakeParams {
         {
             return Err(BakeError::World);
         }
-        let dial = |name, sound: bool| if sound { Ok(()) } else { Err(BakeError::Dial { name }) };
-        dial("path_power", self.path_power.is_finite() && self.path_power > 0.0)?;
-        dial("bounces", (1..=16).contains(&self.bounces))?;
-        dial("clusters", self.clusters >= 1)?;
-        dial("lights_per_cell", self.lights_per_cell >= 1)?;
-        dial("plane_members", self.plane_members >= 3)?;
-        dial("plane_angle", self.plane_angle > 0.0 && self.plane_angle <= core::f32::consts::FRAC_PI_2)?;
-        dial("plane_offset", self.plane_offset > 0.0 && self.plane_offset.is_finite())?;
-        dial("leaf_members", self.leaf_members >= 1)?;
-        dial("interleave_at", self.interleave_at > 0.0 && self.interleave_at < 1.0)?;
-        dial("least_validation", (0.5..=1.0).contains(&self.least_validation))
+        let dial =
+            |name, range, sound: bool| if sound { Ok(()) } else { Err(BakeError::Dial { name, range }) };
+        dial(
+            "path_power",
+            "a finite number of W above 0",
+            self.path_power.is_finite() && self.path_power > 0.0,
+        )?;
+        dial("bounces", "1 to 16", (1..=16).contains(&self.bounces))?;
+        dial("clusters", "1 or more", self.clusters >= 1)?;
+        dial("lights_per_cell", "1 or more", self.lights_per_cell >= 1)?;
+        dial("plane_members", "3 or more", self.plane_members >= 3)?;
+        let right = core::f32::consts::FRAC_PI_2;
+        dial("plane_angle", "above 0, up to π/2", self.plane_angle > 0.0 && self.plane_angle <= right)?;
+        dial("plane_offset", "finite and above 0", self.plane_offset > 0.0 && self.plane_offset.is_finite())?;
+        dial("leaf_members", "1 or more", self.leaf_members >= 1)?;
+        dial("interleave_at", "between 0 and 1", self.interleave_at > 0.0 && self.interleave_at < 1.0)?;
+        dial("least_validation", "0.5 to 1", (0.5..=1.0).contains(&self.least_validation))
     }
 }
 
@@ -117,6 +123,8 @@ pub enum BakeError {
     Dial {
         /// Its name.
         name: &'static str,
+        /// What it may be.
+        range: &'static str,
     },
     /// This light is none.
     Light {
@@ -153,9 +161,7 @@ impl fmt::Display for BakeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::World => write!(f, "the world must be a finite box with an extent"),
-            Self::Dial { name } => {
-                write!(f, "`{name}` is out of its range; its documentation says which it is")
-            }
+            Self::Dial { name, range } => write!(f, "`{name}` is out of its range: {range}"),
             Self::Light { key, error } => write!(f, "light {}: {error}", key.0),
             Self::SameKey { key } => {
                 write!(f, "there is a light {} already; set it, or take another name", key.0)

@@ -49,14 +49,13 @@ pub(crate) fn transfer(hit: &Hit, lamp: &Lamp) -> Transfer {
 }
 pub(crate) fn render(lamps: &[Lamp], threshold: f32) -> Vec<Option<(Hit, Lit)>> {
     let tree = LightTree::build(lamps, &BuildParams::default()).expect("lamps are finite");
-    let representatives =
-        Representatives::choose(&tree, Choice::Random { seed: 1 }, |l| lamps[l.0 as usize].1)
-            .expect("and not negative");
+    let representatives = Representatives::choose(&tree, Choice::Random { seed: 1 }, |l| lamps[l.index()].1)
+        .expect("and not negative");
     let params = LightcutParams::with_threshold(threshold);
     let (lightcut, mut scratch) =
         (Lightcut { tree, representatives: &representatives, params }, Default::default());
     let mut shade = |hit: Hit| {
-        let ask = |light: LightId| transfer(&hit, &lamps[light.0 as usize]);
+        let ask = |light: LightId| transfer(&hit, &lamps[light.index()]);
         let lit = lightcut.shade(&hit, &GeometricBound, ask, &mut scratch);
         (hit, lit)
     };

@@ -17,6 +17,11 @@ pub struct LightId(pub u32);
 impl LightId {
     /// No light: the entry of an unused row.
     pub const NONE: Self = Self(u32::MAX);
+
+    /// The same as an index into a slice: `lamps[light.index()]`.
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
 }
 
 /// Anything that can be put in a light tree: all that a builder asks of a light.

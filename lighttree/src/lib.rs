@@ -5,6 +5,54 @@
 //! crate holds exactly what they share. It knows no material, no ray tracer, no GPU and no file format: those
 //! enter as [`Emitter`] (one method), [`Receiver`] (two), [`RayQueries`] and closures.
 //!
+//! # Where to begin
+//!
+//! A renderer's lights say their bounds, a tree is built over them, and a sampler draws from it at each point to be lit. Shading and the shadow
+//! ray stay the renderer's.
+//!
+//! ```
+//! use glam::Vec3;
+//! use lighttree::rng::{Decisions, Random};
+//! use lighttree::{BuildParams, Emitter, LambertReceiver, LightBounds, LightSampler, LightTree, TreeSampler};
+//!
+//! /// The renderer's own light: a place, and W/sr in RGB.
+//! struct Lamp(Vec3, Vec3);
+//! impl Emitter for Lamp {
+//!     fn bounds(&self) -> LightBounds {
+//!         LightBounds::point(self.0, self.1.max_element())
+//!     }
+//! }
+//!
+//! let mut lamps: Vec<_> = (0..10_000).map(|i| Lamp(Vec3::new((i % 100) as f32, 3.0, (i / 100) as f32), Vec3::ONE)).collect();
+//! let mut tree = LightTree::build(&lamps, &BuildParams::default())?;
+//!
+//! // A point of a floor. Materials of a renderer's own implement `Receiver`.
+//! let floor = LambertReceiver { position: Vec3::new(50.0, 0.0, 50.0), normal: Vec3::Y, albedo: 0.5 };
+//! let gives = |lamp: &Lamp| {
+//!     let to = lamp.0 - floor.position; // and here the shadow ray
+//!     lamp.1 * (0.5 / core::f32::consts::PI * to.normalize().y.max(0.0) / to.length_squared())
+//! };
+//! let sampler = TreeSampler::new(&tree);
+//! let mut radiance = Vec3::ZERO;
+//! for sample in 0..256 {
+//!     let mut random = Decisions::new(Random::new(7, 0, sample)); // seed, pixel, sample
+//!     if let Some(drawn) = sampler.sample(&floor, &mut random) {
+//!         radiance += gives(&lamps[drawn.light.index()]) / drawn.pmf as f32 / 256.0;
+//!     }
+//! }
+//! let exact: Vec3 = lamps.iter().map(gives).sum();
+//! assert!((radiance.x / exact.x - 1.0).abs() < 0.1);
+//!
+//! // Where lights have moved, the tree is built again, or takes their bounds anew as long as neighbours stay neighbours.
+//! lamps.iter_mut().for_each(|lamp| lamp.0.y += 0.5);
+//! tree.refit(&lamps)?;
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
+//!
+//! Less noise, at more price: the crate `stochastic`. No noise: `lightcut`. Faster to build, and half the size, for lights that shine everywhere:
+//! [`PerfectTree`]. How good a tree or a sampler is, without noise: [`oracle`]. Builders use all threads with the feature `parallel`, which is off by
+//! default.
+//!
 //! # Conventions
 //!
 //! Said once, here, and meant everywhere.
@@ -26,6 +74,9 @@
 //!   thread count and on a GPU.
 //! - **Errors.** Bad input is a typed error that names the index; a programmer's mistake (slices of different
 //!   lengths, a node of another tree) panics with the rule in its message; what may be absent is an `Option`.
+
+/// The version of `glam` whose vectors this crate takes, for hosts that have another one as well.
+pub use glam;
 
 mod alias;
 mod bound;

@@ -12,6 +12,8 @@
 //! Where to gather is the crate `clustering`'s business, or anybody's. What the host has to bring: photons from a random walk of its own, and one closure that
 //! casts a gather ray, asks the cut for the irradiance where it ends, and multiplies by the albedo there over π. No material is known here.
 //!
+//! `examples/indirect.rs` is all of it in another renderer, with places from `clustering`, checked against path tracing.
+//!
 //! Which photons: **all** of them, those straight from the lights included, since a gather ray has to see surfaces that are lit directly; the paper's text stores
 //! only those that bounced off something diffuse. Caustics at the points that the camera sees are not found by gather rays: keep a second map
 //! of photons that came by mirrors or glass alone, and ask it directly.

@@ -10,6 +10,7 @@
 //! 96 bytes a surface and 16 for its radiance; 64 bytes an emitter: a million fit the default binding limit twice.
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
 use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder, Queue};
 
 use crate::kernel::{Binding, Kernel};
@@ -67,6 +68,39 @@ impl EmitterRecord {
     pub const TRIANGLE: u32 = 3;
     /// The same from both sides.
     pub const TWO_SIDED_TRIANGLE: u32 = 4;
+
+    /// A point of this intensity (W·sr⁻¹) in every direction.
+    pub fn point(position: Vec3, intensity: Vec3) -> Self {
+        Self { a: position.to_array(), color: intensity.to_array(), ..Self::zeroed() }
+    }
+
+    /// A point of this intensity (W·sr⁻¹) along the unit `axis` and within the inner half angle of it, which falls to nothing at the outer one. Angles are
+    /// cosines.
+    pub fn spot(position: Vec3, axis: Vec3, cos_inner: f32, cos_outer: f32, intensity: Vec3) -> Self {
+        Self {
+            kind: Self::SPOT,
+            b: axis.to_array(),
+            cos_inner,
+            cos_outer,
+            ..Self::point(position, intensity)
+        }
+    }
+
+    /// A virtual point light: this intensity (W·sr⁻¹) along the unit `normal`, and the cosine to it elsewhere.
+    pub fn cosine(position: Vec3, normal: Vec3, intensity: Vec3) -> Self {
+        Self { kind: Self::COSINE, b: normal.to_array(), ..Self::point(position, intensity) }
+    }
+
+    /// A triangle of this radiance (W·m⁻²·sr⁻¹), counter-clockwise seen from the side that emits. Shadow rays end `offset` off it.
+    pub fn triangle([a, b, c]: [Vec3; 3], radiance: Vec3, two_sided: bool, offset: f32) -> Self {
+        Self {
+            kind: if two_sided { Self::TWO_SIDED_TRIANGLE } else { Self::TRIANGLE },
+            b: b.to_array(),
+            c: c.to_array(),
+            offset,
+            ..Self::point(a, radiance)
+        }
+    }
 }
 
 /// `LitSurface` in WGSL: a point to be lit.
@@ -99,6 +133,21 @@ pub struct SurfaceRecord {
     pub interface_f90: f32,
 }
 
+impl SurfaceRecord {
+    /// A Lambert surface of this albedo, with one unit normal for everything. Its shadow rays start `offset` off it; `stream` is the pixel as a rule.
+    pub fn lambert(position: Vec3, normal: Vec3, albedo: Vec3, offset: f32, stream: u32) -> Self {
+        Self {
+            position: position.to_array(),
+            offset,
+            geometric_normal: normal.to_array(),
+            stream,
+            normal: normal.to_array(),
+            base: (albedo * core::f32::consts::FRAC_1_PI).to_array(),
+            ..Self::zeroed()
+        }
+    }
+}
+
 /// `Radiance` in WGSL: what a surface sends to the viewer.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -110,7 +159,7 @@ pub struct RadianceRecord {
 }
 
 /// `ShadeParams` in WGSL.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ShadeParams {
     /// Surfaces in the buffer, at most as many as there is room for.

@@ -33,7 +33,7 @@ use glam::Affine3A;
 
 pub use self::motion::Motion;
 use self::shapes::Shapes;
-use crate::{Instance, Material, Mesh, Scene};
+use crate::{Instance, Material, Mesh, Scene, nearest};
 
 /// Names and default counts of the built-in scenes, in the order in which they should be listed. A count of `None`
 /// means that the scene takes none.
@@ -80,7 +80,11 @@ impl fmt::Display for BuiltinError {
                     Some(count) => format!("{name}:{count}"),
                     None => name.to_owned(),
                 });
-                write!(f, "no built-in scene is called {name:?}: they are {}", names.join(", "))
+                write!(f, "no built-in scene is called {name:?}")?;
+                if let Some(meant) = nearest(name, BUILTIN_SCENES.map(|(name, _)| name)) {
+                    write!(f, "; did you mean {meant}?")?;
+                }
+                write!(f, ": there are {}; a file's name ends in .glb or .gltf", names.join(", "))
             }
             Self::NoCount { name } => write!(f, "built-in scene {name} takes no count: write just {name}"),
             Self::BadCount { name, count } => write!(

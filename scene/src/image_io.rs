@@ -4,7 +4,9 @@ use core::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use exr::prelude::{f16, read_first_rgba_layer_from_file, write_rgb_file};
+use exr::prelude::{
+    Image, SpecificChannels, Text, Vec2, WritableImage, f16, read_first_rgba_layer_from_file, write_rgb_file,
+};
 use glam::Vec3;
 
 use crate::Film;
@@ -68,10 +70,20 @@ impl std::error::Error for ImageError {}
 /// # Errors
 /// [`ImageError::Write`]; there is no file then, or the one that was there before.
 pub fn write_exr(film: &Film, path: &Path) -> Result<(), ImageError> {
-    let color = |x: usize, y: usize| film.pixels[y * film.width as usize + x].into();
-    write(path, |temporary| {
-        write_rgb_file(temporary, film.width as usize, film.height as usize, color).map_err(|e| e.to_string())
-    })
+    write_exr_about(film, path, "")
+}
+
+/// As [`write_exr`], with what the picture is in the file's attribute `comments`, where programs that show EXR files show it. Empty: none.
+///
+/// # Errors
+/// As [`write_exr`].
+pub fn write_exr_about(film: &Film, path: &Path, about: &str) -> Result<(), ImageError> {
+    let size = (film.width as usize, film.height as usize);
+    let color = |at: Vec2<usize>| <(f32, f32, f32)>::from(film.pixels[at.1 * size.0 + at.0]);
+    let mut image = Image::from_channels(size, SpecificChannels::rgb(color));
+    image.layer_data.attributes.comments = (!about.is_empty()).then(|| Text::from(about));
+    image.layer_data.attributes.software_name = Some(Text::from("Lighttree"));
+    write(path, |temporary| image.write().to_file(temporary).map_err(|e| e.to_string()))
 }
 
 /// Bits of a value in an EXR.

@@ -17,6 +17,7 @@ mod light;
 mod material;
 mod metrics;
 mod model;
+mod nearest;
 mod next_event;
 mod open;
 mod particles;
@@ -35,12 +36,15 @@ pub use camera::Camera;
 pub use export::{ExportError, LightmappedMesh, LightmappedNode, write_glb};
 pub use film::{Film, luminance};
 pub use gbuffer::{GBuffer, LastFrame};
-pub use image_io::{ExrDepth, ImageError, auto_exposure, read_exr, write_exr, write_exr_from, write_png};
+pub use image_io::{
+    ExrDepth, ImageError, auto_exposure, read_exr, write_exr, write_exr_about, write_exr_from, write_png,
+};
 pub use import::{ImportError, ImportLimits, ImportOptions, ImportProblem, SceneChoice, load};
 pub use light::{DistantLight, Light, LightPoint, LightView, Profile};
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
 pub use metrics::{Errors, MetricError, compare};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};
+pub use nearest::nearest;
 pub use next_event::{NextEvent, NextEventDraw};
 pub use open::{SceneError, open};
 pub use particles::{Arrival, WalkParams, WalkReport, virtual_lights, walk};

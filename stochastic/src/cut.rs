@@ -62,7 +62,7 @@ impl Default for CutParams {
 /// let mut estimate = 0.0;
 /// let mut random = Decisions::new(Random::new(1, 2, 3));
 /// subtrees.draw_each(&floor, &mut random, |_, sample, _| {
-///     let to_lamp = lamps[sample.light.0 as usize].min - floor.position;
+///     let to_lamp = lamps[sample.light.index()].min - floor.position;
 ///     let reflected = 0.5 / std::f32::consts::PI * to_lamp.normalize().z.max(0.0) / to_lamp.length_squared();
 ///     estimate += f64::from(reflected) / sample.pmf;
 ///     assert_eq!(sample.pmf, subtrees.density(&floor, sample.light));

@@ -16,6 +16,19 @@
 //!   with what shadow rays have told about them ([`NodeLearning`]); [`BlockCdfs`] keeps all of it for a block of pixels,
 //!   [`CellCdfs`] for cells of space.
 //! - [`resampled`]: several candidates, one kept.
+//!
+//! # Where to begin
+//!
+//! | a renderer that | takes |
+//! |---|---|
+//! | draws a light or a few at each vertex of a path | [`lighttree::TreeSampler`]; [`CellCdfs`] for less noise where lights are many |
+//! | shades points with several lights each | [`CutSampler`] |
+//! | shades all pixels of a frame | [`BlockCdfs`], which learns from its shadow rays; [`SharedCuts`] with few samples a pixel |
+//! | has meshes of lights with many instances | [`TwoLevelSampler`] |
+//! | has a sun, or an image around the scene | [`Mixture`] and [`Environment`] beside any of these |
+//!
+//! `examples/own_path_tracer.rs` is a path tracer with its own triangles, rays and materials, whose lamps are found by draws and by directions, weighed by the balance
+//! heuristic: every sampler answers how probable a light would have been, too.
 
 mod cut;
 mod cut_cdf;

@@ -57,10 +57,9 @@ struct Bake<'a> {
 /// Bakes.
 pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
     if args.help_dials {
-        for key in KEYS {
-            println!("  {}={} ({})\n      {}", key.name, key.default, key.range, key.trades);
-        }
-        return Ok(());
+        let dial =
+            |key: Key| format!("  {}={} ({})\n      {}\n", key.name, key.default, key.range, key.trades);
+        return crate::output::print(&KEYS.map(dial).concat());
     }
     let total = Instant::now();
     let settings = Settings::parse("bake", &KEYS, &args.set)?;
@@ -68,6 +67,7 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
     if args.texels_per_unit.is_some_and(|d| !(d > 0.0 && d.is_finite())) {
         return Err(Failure::usage("--texels-per-unit: a positive number is needed"));
     }
+    crate::output::check_folder(folder)?;
     render::use_threads(args.threads)?;
     stop::listen()?;
     let saved = args.resume.as_deref().map(State::read).transpose()?;
@@ -100,9 +100,13 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
         bake.map.layout().charts,
         bake.world.lamps.len(),
     );
-    std::fs::create_dir_all(folder).map_err(|error| {
-        Failure::failed(format!("{}: {error}: choose another place with -o", folder.display()))
-    })?;
+
+    if bake.map.texels() == 0 && bake.world.scene.triangle_count() > 0 {
+        eprintln!(
+            "note: no texel is lit: the map is too coarse for what is there; give more --texels-per-unit"
+        );
+    }
+    crate::output::make_folder(folder)?;
 
     // Bake, edit, bake.
     let start = Instant::now();
@@ -140,7 +144,7 @@ pub(crate) fn bake(args: &BakeArgs) -> Result<(), Failure> {
         );
     }
     if args.json {
-        println!("{summary}");
+        crate::output::print(&format!("{summary}\n"))?;
     }
     if cut_short {
         return Err(Failure::Interrupted(format!(
@@ -199,6 +203,11 @@ impl<'a> Bake<'a> {
         let name = world.scene.name.clone();
         let layout = layout_params(args, settings, &world);
         let bounds = world.whole_box();
+
+        if let Some(key) = world.lamps.iter().position(|lamp| !lamp.light.flux.is_finite()) {
+            let line = "its flux is more than 3.4e38 W: make it darker, or the scene smaller";
+            return Err(Failure::failed(format!("{name}: light {key}: {line}")));
+        }
 
         // Equal power for every path: as many for each lamp as its share asks for.
         let radius = 0.5 * (bounds.max - bounds.min).length();
@@ -413,7 +422,12 @@ impl<'a> Bake<'a> {
         let (size, spp) = (self.args.size, self.settings.whole("spp"));
         let film = view::view(&self.world, &self.geometry, self.map.layout(), &pages, camera, size, spp);
         let stops = render::exposure(self.settings, &film);
-        let png = crate::output::picture(path, &film, stops)?;
+        let about = json!({
+            "scene": self.world.scene.name, "camera": camera.name, "width": size.0, "height": size.1, "spp": spp,
+            "settings": self.settings.json(), "edits": self.done, "updates": self.updates,
+            "unit": "linear RGB radiance, W/m2/sr, lit by the lightmap alone",
+        });
+        let png = crate::output::picture(path, &film, stops, &about)?;
         eprintln!("wrote {} and {} (exposure {stops:+.2} stops)", path.display(), png.display());
         Ok(())
     }

@@ -13,6 +13,7 @@ use crate::failure::Failure;
 use crate::methods::Method;
 use crate::methods::filter::Filter;
 use crate::progress::Watched;
+use crate::provenance::{provenance, units};
 use crate::report;
 use crate::settings::{self, Settings};
 use crate::shot::{Plan, Stage};
@@ -69,6 +70,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// What one method did in its time.
 struct Row {
     method: Method,
+    settings: Settings,
     film: Film,
     spp: u32,
     build_seconds: f64,
@@ -84,9 +86,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<(), Failure> {
     let given = args.reference.as_deref().map(|path| report::reference(path, args.look.size)).transpose()?;
     stop::listen()?;
     render::use_threads(args.look.threads)?;
-    std::fs::create_dir_all(&args.output).map_err(|error| {
-        Failure::failed(format!("-o {}: {error}; choose another folder", args.output.display()))
-    })?;
+    output::check_folder(&args.output)?;
 
     // Set the stage.
     let settings = &plans[0].settings;
@@ -103,6 +103,8 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<(), Failure> {
         threads: args.look.threads as usize,
         pixels: None,
     };
+
+    output::make_folder(&args.output)?;
 
     // Get the truth.
     let reference = match given {
@@ -124,15 +126,18 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<(), Failure> {
 
     // Write it all with one exposure.
     let exposure = render::exposure(settings, &reference.film);
-    output::picture(&args.output.join("reference.exr"), &reference.film, exposure)?;
-    for row in &rows {
-        output::picture(&args.output.join(format!("{}.exr", row.method.about().name)), &row.film, exposure)?;
+    let about = json!({ "scene": scene.name, "camera": camera.name, "reference": reference.json() });
+    output::picture(&args.output.join("reference.exr"), &reference.film, exposure, &about)?;
+    for (row, plan) in rows.iter().zip(&plans) {
+        let path = args.output.join(format!("{}.exr", row.method.about().name));
+        let about = plan.about(&scene.name, &camera.name, &RenderParams { spp: row.spp, ..params });
+        output::picture(&path, &row.film, exposure, &about)?;
     }
-    let data = data(&scene.name, &params, args, &reference, &rows);
+    let data = data(&stage, &plans[0], &params, args, &reference, &rows, exposure);
     output::text(&args.output.join("data.json"), &format!("{data:#}\n"))?;
     output::text(&args.output.join("data.csv"), &csv(&rows))?;
     output::text(&args.output.join("index.html"), &page::page(&data))?;
-    print!("{}", table(&rows));
+    output::print(&table(&rows))?;
     eprintln!("wrote {}", args.output.join("index.html").display());
     if stop::asked() {
         return Err(Failure::Interrupted(format!(
@@ -148,6 +153,11 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<(), Failure> {
 /// One plan per method. A key has to belong to one of the methods at least; those that do not have it go without.
 fn plans(args: &CompareArgs) -> Result<Vec<Plan>, Failure> {
     let methods = args.methods.iter().map(|name| Method::named(name)).collect::<Result<Vec<_>, _>>()?;
+    if let Some((_, twice)) =
+        args.methods.iter().enumerate().find(|(i, name)| args.methods[..*i].contains(name))
+    {
+        return Err(Failure::usage(format!("--methods: `{twice}` is there twice: leave one of them out")));
+    }
     for assignment in &args.set {
         let (key, _) = settings::split(assignment)?;
         if !methods.iter().any(|method| method.keys().iter().any(|k| k.name == key)) {
@@ -208,6 +218,7 @@ fn run(
     let Rendered { film, counts, .. } = rendered;
     Ok(Row {
         method: plan.method,
+        settings: plan.settings.clone(),
         film,
         spp,
         build_seconds: prepared.seconds,
@@ -253,18 +264,22 @@ fn table(rows: &[Row]) -> String {
 
 /// Everything that the page shows, for other programs.
 fn data(
-    scene: &str,
+    stage: &Stage<'_>,
+    like: &Plan,
     params: &RenderParams,
     args: &CompareArgs,
     reference: &Reference,
     rows: &[Row],
+    exposure: f32,
 ) -> Value {
+    let scene = stage.scene;
     let rows: Vec<_> = rows
         .iter()
         .map(|row| {
             json!({
                 "method": row.method.about().name,
                 "what": row.method.about().what,
+                "settings": row.settings.json(),
                 "spp": row.spp,
                 "seconds": { "build_lights": row.build_seconds, "render": row.render_seconds },
                 "counts": report::counts(&row.counts),
@@ -274,16 +289,27 @@ fn data(
         })
         .collect();
     json!({
-        "scene": scene,
+        "scene": scene.name,
+        "triangles": scene.triangle_count(),
+        "lights": scene.lights.len() + scene.distant.len(),
+        "camera": stage.camera.name,
         "width": params.width,
         "height": params.height,
+        "seed": like.seed,
+        "gi": like.gi.name(),
+        "bounces": like.bounces,
+        "vpls": like.gi.vpls(),
+        "exposure": exposure,
         "seconds_per_method": args.seconds_per_method,
         "threads": rayon::current_num_threads(),
         "reference": reference.json(),
         "methods": rows,
+        "units": units(),
+        "made_by": provenance(),
     })
 }
 
+/// A line per method. What all of them share is in `data.json`.
 fn csv(rows: &[Row]) -> String {
     let mut text = String::from(
         "method,spp,build_seconds,render_seconds,shadow_rays,light_evaluations,node_visits,mse,relmse,mape,bias,ssim,flip\n",

@@ -14,6 +14,7 @@ use crate::compare::blend;
 use crate::failure::Failure;
 use crate::methods::Method;
 use crate::progress::Watched;
+use crate::provenance::{provenance, units};
 use crate::render::{self, LookArgs};
 use crate::settings::Settings;
 use crate::shot::{Plan, Stage};
@@ -61,9 +62,7 @@ pub(crate) fn report(args: &ReportArgs) -> Result<(), Failure> {
     };
     stop::listen()?;
     render::use_threads(args.look.threads)?;
-    std::fs::create_dir_all(&args.output).map_err(|error| {
-        Failure::failed(format!("-o {}: {error}; choose another folder", args.output.display()))
-    })?;
+    output::check_folder(&args.output)?;
 
     let mut scenes = Vec::new();
     for (index, name) in names.iter().enumerate() {
@@ -73,7 +72,10 @@ pub(crate) fn report(args: &ReportArgs) -> Result<(), Failure> {
         }
     }
 
-    let data = json!({ "threads": rayon::current_num_threads(), "spp": args.spp, "scenes": scenes });
+    let data = json!({
+        "threads": rayon::current_num_threads(), "spp": args.spp, "seed": args.look.seed, "scenes": scenes,
+        "units": units(), "made_by": provenance(),
+    });
     output::text(&args.output.join("data.json"), &format!("{data:#}\n"))?;
     output::text(&args.output.join("data.csv"), &csv(&data))?;
     output::text(&args.output.join("index.html"), &page::page(&data))?;
@@ -111,6 +113,7 @@ fn one_scene(args: &ReportArgs, name: &str, stem: &str, methods: &[Method]) -> R
     let rays =
         SceneRays::build(&scene).map_err(|error| Failure::failed(format!("{}: {error}", scene.name)))?;
     let stage = Stage { scene: &scene, rays: &rays, camera: &camera };
+    output::make_folder(&args.output)?;
     let (width, height) = if args.quick { (96, 54) } else { args.look.size };
     let params = RenderParams {
         width,
@@ -125,7 +128,8 @@ fn one_scene(args: &ReportArgs, name: &str, stem: &str, methods: &[Method]) -> R
     let truth = Truth::make(&stage, &plan, &params)?;
     eprintln!("{}: reference in {:.1} s, {}", scene.name, truth.seconds, truth.noise());
     let stops = scene::auto_exposure(&truth.film);
-    output::picture(&args.output.join(format!("{stem}-reference.exr")), &truth.film, stops)?;
+    let mut about = plan.about(&scene.name, &camera.name, &params);
+    output::picture(&args.output.join(format!("{stem}-reference.exr")), &truth.film, stops, &about)?;
 
     // Every method, from its cheapest setting to its dearest.
     let mut curves = Vec::new();
@@ -133,7 +137,11 @@ fn one_scene(args: &ReportArgs, name: &str, stem: &str, methods: &[Method]) -> R
         let curve = Curve::measure(&stage, &args.look, method, &params, &truth.film, args.quick)?;
         let picture = args.output.join(format!("{stem}-{}.exr", method.about().name));
         if let Some(film) = &curve.picture {
-            output::picture(&picture, film, stops)?;
+            let middle = &curve.points[curve.points.len() / 2];
+            about["method"] = method.about().name.into();
+            about["settings"] =
+                if curve.key.is_empty() { json!({}) } else { json!({ curve.key: middle.value }) };
+            output::picture(&picture, film, stops, &about)?;
         }
         curves.push(curve);
         if stop::asked() {
@@ -141,13 +149,24 @@ fn one_scene(args: &ReportArgs, name: &str, stem: &str, methods: &[Method]) -> R
         }
     }
     let svg = format!("{stem}.svg");
-    output::text(&args.output.join(&svg), &plot::plot(&scene.name, &curves)?)?;
+    let about = json!({
+        "scene": scene.name, "lights": scene.lights.len() + scene.distant.len(), "width": width, "height": height,
+        "spp": args.spp, "seed": plan.seed, "made_by": provenance(),
+    });
+    let plot = plot::plot(&about, rayon::current_num_threads(), &curves)?;
+    output::text(&args.output.join(&svg), &plot)?;
     Ok(json!({
         "scene": scene.name,
         "stem": stem,
-        "lights": scene.lights.len(),
+        "triangles": scene.triangle_count(),
+        "lights": scene.lights.len() + scene.distant.len(),
+        "camera": camera.name,
         "width": width,
         "height": height,
+        "gi": plan.gi.name(),
+        "bounces": plan.bounces,
+        "vpls": plan.gi.vpls(),
+        "exposure": stops,
         "reference": { "method": "brute", "seconds": truth.seconds, "noise": truth.relmse, "description": truth.noise() },
         "curves": curves.iter().map(Curve::json).collect::<Vec<_>>(),
     }))
@@ -209,7 +228,7 @@ impl Truth {
 /// A line per measured point.
 fn csv(data: &Value) -> String {
     let mut text = String::from(
-        "scene,method,key,value,build_seconds,render_seconds,shadow_rays,light_evaluations,relmse,mse,mape,ssim,flip\n",
+        "scene,method,key,value,build_seconds,render_seconds,shadow_rays,light_evaluations,relmse,mse,mape,ssim,flip,bias,lights,width,height,spp,seed,reference_relmse\n",
     );
     let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
     for scene in list(&data["scenes"]) {
@@ -231,6 +250,13 @@ fn csv(data: &Value) -> String {
                     number(&error["mape"]),
                     number(&error["ssim"]),
                     number(&error["flip"]),
+                    number(&error["bias"]),
+                    number(&scene["lights"]),
+                    number(&scene["width"]),
+                    number(&scene["height"]),
+                    number(&data["spp"]),
+                    number(&data["seed"]),
+                    number(&scene["reference"]["noise"]),
                 ];
                 text += &(fields.join(",") + "\n");
             }

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::failure::Failure;
 use crate::trees::{BUILDERS, KeptMeshes, Tree};
-use crate::{memory, source};
+use crate::{memory, output, source};
 
 /// What to look at.
 #[derive(clap::Args)]
@@ -40,11 +40,10 @@ pub(crate) fn inspect(args: &InspectArgs) -> Result<(), Failure> {
     let summary = summary(&scene, &rays, load, build_rays, &trees);
     if args.json {
         eprint!("{}", for_people(&summary));
-        println!("{summary}");
+        output::print(&format!("{summary}\n"))
     } else {
-        print!("{}", for_people(&summary));
+        output::print(&for_people(&summary))
     }
-    Ok(())
 }
 
 /// Everything, for scripts.

@@ -16,6 +16,7 @@ mod memory;
 mod methods;
 mod output;
 mod progress;
+mod provenance;
 mod render;
 mod report;
 mod settings;
@@ -63,10 +64,7 @@ fn main() -> ExitCode {
     let outcome = match Program::try_parse() {
         Ok(program) => run(&program.command),
         Err(error) if error.use_stderr() => Err(Failure::usage(first_paragraph(&error))),
-        Err(help) => {
-            let _ = help.print();
-            Ok(())
-        }
+        Err(help) => output::print(&help.to_string()),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -101,15 +99,45 @@ fn one_line_for_bugs() {
     }));
 }
 
-/// clap's message without its usage and hints: what is wrong, and where the right call is written.
+/// clap's message in a line: what is wrong, what was meant, and where the right call is written.
 fn first_paragraph(error: &clap::Error) -> String {
-    let text = error.to_string();
-    let what = text.split("\n\n").next().unwrap_or(&text).trim_start_matches("error: ");
     let subject = std::env::args().nth(1).filter(|word| !word.starts_with('-')).unwrap_or_default();
     let known = <Program as clap::CommandFactory>::command().find_subcommand(&subject).is_some();
     let command =
         if known { format!("cargo xtask {subject} --help") } else { "cargo xtask --help".to_owned() };
-    format!("{}: see `{command}`", what.trim())
+    if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        return format!("no command is given: try `cargo xtask render`, or see `{command}`");
+    }
+    let text = error.to_string();
+    let mut paragraphs = text.split("\n\n");
+    let what = paragraphs.next().unwrap_or(&text).trim_start_matches("error: ").trim();
+    let tip = paragraphs.find_map(|paragraph| paragraph.trim().strip_prefix("tip: "));
+    let tip = tip.map_or_else(String::new, |tip| format!("; {}", tip.lines().next().unwrap_or_default()));
+    format!("{}{tip}: see `{command}`", in_plain_words(what))
+}
+
+/// What the standard library and clap say of numbers, in words for people who don't write Rust.
+fn in_plain_words(what: &str) -> String {
+    for (technical, plain) in [
+        ("invalid digit found in string", "write a whole number"),
+        ("cannot parse integer from empty string", "write a whole number"),
+        ("number too large to fit in target type", "write a smaller number"),
+        ("invalid float literal", "write a number"),
+    ] {
+        if let Some(start) = what.strip_suffix(technical) {
+            return format!("{start}{plain}");
+        }
+    }
+    // "0 is not in 1..=1000000"
+    let range =
+        what.rsplit_once(" is not in ").and_then(|(start, range)| Some((start, range.split_once("..=")?)));
+    match range {
+        Some((start, (least, most))) => {
+            let start = start.rsplit_once(": ").map_or(start, |(start, _)| start);
+            format!("{start}: write a whole number from {least} to {most}")
+        }
+        None => what.to_owned(),
+    }
 }
 
 #[cfg(test)]
@@ -117,5 +145,20 @@ mod tests {
     #[test]
     fn the_command_line_is_well_formed() {
         <super::Program as clap::CommandFactory>::command().debug_assert();
+    }
+
+    #[test]
+    fn ranges_and_slips_are_said_in_plain_words() {
+        let line = |args: &[&str]| {
+            let error = <super::Program as clap::Parser>::try_parse_from(args).err().expect("a bad call");
+            super::first_paragraph(&error)
+        };
+        let spp = line(&["xtask", "render", "--spp", "0"]);
+        assert!(spp.contains("'--spp <N>': write a whole number from 1 to 1000000: see"), "{spp}");
+        let word = line(&["xtask", "render", "--spp", "many"]);
+        assert!(word.contains("'--spp <N>': write a whole number: see"), "{word}");
+        let slip = line(&["xtask", "render", "--metod", "tree"]);
+        assert!(slip.contains("a similar argument exists: '--method'"), "{slip}");
+        assert!(line(&["xtask"]).starts_with("no command is given"));
     }
 }

@@ -8,9 +8,19 @@ pub(crate) fn peak_resident() -> Option<u64> {
     high_water_mark().or_else(max_rss)
 }
 
+/// Memory that can still be had without swapping, in bytes; `None` where the system has no such figure.
+pub(crate) fn available() -> Option<u64> {
+    kibibytes("/proc/meminfo", "MemAvailable:")
+}
+
 fn high_water_mark() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    kibibytes("/proc/self/status", "VmHWM:")
+}
+
+/// A line `NAME   123 kB` of one of Linux' files, in bytes.
+fn kibibytes(file: &str, name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(file).ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kibibytes * 1024)
 }
@@ -38,5 +48,6 @@ mod tests {
         assert!(std::hint::black_box(&block).iter().map(|&b| u64::from(b)).sum::<u64>() == 64 << 20);
         assert!(super::peak_resident().is_some_and(|bytes| bytes > 64 << 20));
         assert!(super::max_rss().is_some_and(|bytes| bytes > 64 << 20));
+        assert!(super::available().is_some() || !cfg!(target_os = "linux"));
     }
 }

@@ -449,7 +449,9 @@ impl Method {
             return Ok(*method);
         }
         let names = ABOUT.iter().map(|(_, about)| about.name).collect::<Vec<_>>().join(", ");
-        Err(Failure::usage(format!("method `{name}` is unknown: there are {names}")))
+        let meant = scene::nearest(name, ABOUT.iter().map(|(_, about)| about.name));
+        let meant = meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
+        Err(Failure::usage(format!("method `{name}` is unknown{meant}: there are {names}")))
     }
 
     /// How a path tracer draws lights, as settings of the method [`path`](Self::Path) have it.

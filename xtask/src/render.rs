@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::ValueEnum;
-use scene::{Counts, Film, RenderParams, SceneRays};
+use scene::{Counts, Film, RenderParams, Scene, SceneRays};
 
 use crate::failure::Failure;
 use crate::frames::{self, Kept, Sequence};
@@ -74,13 +74,13 @@ pub(crate) struct LookArgs {
     #[arg(long, value_name = "HOW")]
     pub(crate) gi: Option<GiKind>,
 
-    /// Virtual point lights for --gi vpl, about
-    #[arg(long, value_name = "N", default_value_t = 100_000, value_parser = clap::value_parser!(u32).range(1..=20_000_000))]
-    pub(crate) vpls: u32,
+    /// Virtual point lights for --gi vpl, about [default: 100000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20_000_000))]
+    vpls: Option<u32>,
 
-    /// Indirect bounces for --gi vpl and --gi path
-    #[arg(long, value_name = "B", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    pub(crate) bounces: u32,
+    /// Indirect bounces for --gi vpl and --gi path [default: 5]
+    #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    bounces: Option<u32>,
 
     /// Width and height of the picture in pixels
     #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = size)]
@@ -108,11 +108,23 @@ enum Device {
     Gpu,
 }
 
+/// Most pixels of a picture: 16,384 × 8192, which takes some 5 GB to render and write.
+const MOST_PIXELS: u64 = 1 << 27;
+
 /// Reads `WIDTHxHEIGHT`.
 pub(crate) fn size(text: &str) -> Result<(u32, u32), String> {
     let parts = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     match parts {
-        Some((width @ 1..=65_536, height @ 1..=65_536)) => Ok((width, height)),
+        Some((width @ 1..=65_536, height @ 1..=65_536)) => {
+            let pixels = u64::from(width) * u64::from(height);
+            if pixels <= MOST_PIXELS {
+                Ok((width, height))
+            } else {
+                Err(format!(
+                    "{pixels} pixels would not fit into memory: {MOST_PIXELS} may be asked for, 16384x8192"
+                ))
+            }
+        }
         _ => Err("write WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 960x540".to_owned()),
     }
 }
@@ -120,8 +132,7 @@ pub(crate) fn size(text: &str) -> Result<(u32, u32), String> {
 /// Renders one picture, or a few frames, and says what it took.
 pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
     if args.help_methods {
-        print!("{}", methods::help());
-        return Ok(());
+        return output::print(&methods::help());
     }
 
     // Refuse what cannot work before any of the work is done.
@@ -131,6 +142,8 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
     if args.device == Device::Gpu {
         device::check(&plan, &params)?;
     }
+    check_memory(&plan, &params)?;
+    args.look.note_unused(&plan);
     let materials = source::material_mode(&plan.settings)?;
     output::check(&args.output)?;
     let reference =
@@ -166,7 +179,11 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
         // That of the first frame for all: a film must not flicker.
         let stops = *exposure.get_or_insert_with(|| scene::auto_exposure(&taken.rendered.film));
         let output = sequence.output(&args.output, frame);
-        let png = output::picture(&output, &taken.rendered.film, stops)?;
+        let mut about = plan.about(&scene.name, &camera.name, &params);
+        if args.frames > 1 {
+            about["frame"] = frame.into();
+        }
+        let png = output::picture(&output, &taken.rendered.film, stops, &about)?;
         taken.report.output = output;
         if args.frames > 1 {
             eprintln!("{}", taken.report.for_people());
@@ -185,12 +202,13 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
     // Say what it took.
     seconds.total = total.elapsed().as_secs_f64();
     let report = Report {
-        method: plan.method.about().name,
         device: kept.device.as_ref(),
         scene: &scene,
         vpls: last.vpls,
         params: &params,
-        seed: plan.seed,
+        plan: &plan,
+        camera: &camera.name,
+        exposure: exposure.unwrap_or_default(),
         threads: rayon::current_num_threads(),
         seconds,
         counts: &counts,
@@ -203,8 +221,11 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
         frames: (args.frames > 1).then_some(frames),
     };
     eprint!("{}", report.for_people());
+    if !last.rendered.cut_short && last.rendered.film.pixels.iter().all(|p| p.max_element() <= 0.0) {
+        eprintln!("note: the picture is black: {}", why_black(&scene));
+    }
     if args.json {
-        println!("{}", report.json());
+        output::print(&format!("{}\n", report.json()))?;
     }
     if last.rendered.cut_short {
         return Err(Failure::Interrupted(format!(
@@ -213,6 +234,44 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
         )));
     }
     Ok(())
+}
+
+/// Says before any work that a picture will not fit into the memory there is.
+fn check_memory(plan: &Plan, params: &RenderParams) -> Result<(), Failure> {
+    // Measured: what is kept for each pixel beside the picture, and to write it.
+    let bytes: u64 = match plan.method {
+        Method::Gather | Method::PhotonCut => 300,
+        _ if plan.settings.find("visibility").is_some() => 270,
+        _ if Filter::is_in(&plan.settings) => 200,
+        _ => 40,
+    };
+    let needed = u64::from(params.width) * u64::from(params.height) * bytes;
+    let mebibytes = |bytes: u64| bytes >> 20;
+    match memory::available() {
+        Some(free) if needed > free => Err(Failure::failed(format!(
+            "--size {}x{}: method `{}` needs about {} MiB for that many pixels, {} MiB are free: ask for fewer",
+            params.width,
+            params.height,
+            plan.method.about().name,
+            mebibytes(needed),
+            mebibytes(free)
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// What a person may do about a picture without light.
+fn why_black(scene: &Scene) -> String {
+    let name = &scene.name;
+    if scene.triangle_count() == 0 {
+        format!("{name} has no triangles")
+    } else if scene.lights.is_empty() && scene.distant.is_empty() {
+        format!("{name} has no lights: give it some, punctual ones or emissive materials")
+    } else {
+        let cameras = scene.cameras.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", ");
+        let others = if cameras.is_empty() { String::new() } else { format!("; its cameras are {cameras}") };
+        format!("no light gets to what the camera sees{others}")
+    }
 }
 
 /// Everything that decides what the picture looks like, checked.
@@ -242,11 +301,23 @@ impl LookArgs {
                 let line = "methods `gather` and `photoncut` find indirect light themselves; leave --gi out";
                 return Err(Failure::usage(line));
             }
-            (Some(GiKind::Vpl), _) => Gi::Vpl(self.vpls as usize),
+            (Some(GiKind::Vpl), _) => Gi::Vpl(self.vpls.unwrap_or(100_000) as usize),
             (Some(GiKind::Path), _) | (None, Method::Path) => Gi::Path,
             (Some(GiKind::None) | None, _) => Gi::None,
         };
-        Ok(Plan { method, settings, gi, bounces: self.bounces, seed: self.seed, light_seed: self.seed })
+        let bounces = self.bounces.unwrap_or(5);
+        Ok(Plan { method, settings, gi, bounces, seed: self.seed, light_seed: self.seed })
+    }
+
+    /// Says which options of indirect light a plan doesn't look at.
+    fn note_unused(&self, plan: &Plan) {
+        if self.vpls.is_some() && !matches!(plan.gi, Gi::Vpl(_)) {
+            eprintln!("note: --vpls is not looked at without --gi vpl");
+        }
+        let bounces = plan.gi != Gi::None || matches!(plan.method, Method::Gather | Method::PhotonCut);
+        if self.bounces.is_some() && !bounces {
+            eprintln!("note: --bounces is not looked at without --gi vpl or --gi path");
+        }
     }
 }
 

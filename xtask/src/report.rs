@@ -7,6 +7,8 @@ use serde_json::{Value, json};
 
 use crate::device::Device;
 use crate::failure::Failure;
+use crate::provenance::provenance;
+use crate::shot::Plan;
 
 /// Wall-clock seconds of a run.
 #[derive(Clone, Copy, Debug, Default)]
@@ -25,13 +27,16 @@ pub(crate) struct Seconds {
 
 /// Everything about a run that scripts may ask for.
 pub(crate) struct Report<'a> {
-    pub(crate) method: &'static str,
     /// `None`: the cpu.
     pub(crate) device: Option<&'a Device>,
     pub(crate) scene: &'a Scene,
     pub(crate) vpls: usize,
     pub(crate) params: &'a RenderParams,
-    pub(crate) seed: u32,
+    pub(crate) plan: &'a Plan,
+    /// Its name.
+    pub(crate) camera: &'a str,
+    /// Stops by which the PNG is brightened.
+    pub(crate) exposure: f32,
     pub(crate) threads: usize,
     pub(crate) seconds: Seconds,
     pub(crate) counts: &'a Counts,
@@ -51,7 +56,7 @@ impl Report<'_> {
     pub(crate) fn json(&self) -> Value {
         let Seconds { load, build_rays, build_lights, render, total } = self.seconds;
         let mut object = json!({
-            "method": self.method,
+            "method": self.plan.method.about().name,
             "device": if self.device.is_some() { "gpu" } else { "cpu" },
             "scene": self.scene.name,
             "triangles": self.scene.triangle_count(),
@@ -60,7 +65,7 @@ impl Report<'_> {
             "width": self.params.width,
             "height": self.params.height,
             "spp": self.params.spp,
-            "seed": self.seed,
+            "seed": self.plan.seed,
             "threads": self.threads,
             "seconds": {
                 "load": load, "build_rays": build_rays, "build_lights": build_lights, "render": render, "total": total,
@@ -83,6 +88,12 @@ impl Report<'_> {
             object["frames"] = json!(frames);
         }
         object["output"] = json!(self.output.display().to_string());
+        object["settings"] = self.plan.settings.json();
+        object["gi"] = json!(self.plan.gi.name());
+        object["bounces"] = json!(self.plan.bounces);
+        object["camera"] = json!(self.camera);
+        object["exposure"] = json!(self.exposure);
+        object["made_by"] = provenance();
         object
     }
 
@@ -93,7 +104,8 @@ impl Report<'_> {
         let samples = counts.samples.max(1) as f64;
         let mut text = format!(
             "{}: {render:.2} s to render (load {load:.2}, rays {build_rays:.2}, lights {build_lights:.2}, all {total:.2}) on {} threads\n",
-            self.method, self.threads
+            self.plan.method.about().name,
+            self.threads
         );
         if let Some(device) = self.device {
             text += &format!("on {}, seconds by stage:\n", device.name());
@@ -127,7 +139,7 @@ impl Report<'_> {
         }
         if counts.non_finite > 0 {
             text += &format!(
-                "{} samples were not finite and are left out: please report this scene\n",
+                "{} samples were not finite and are left out: light beyond 3.4e38 W/m2/sr is, so scale the scene up or its lights down; if it is neither, please report the scene\n",
                 counts.non_finite
             );
         }

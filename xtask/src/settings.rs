@@ -73,8 +73,10 @@ impl Settings {
             let (name, value) = split(assignment)?;
             let Some(key) = keys.iter().find(|key| key.name == name) else {
                 let names: Vec<_> = keys.iter().map(|key| key.name).collect();
+                let meant = scene::nearest(name, names.iter().copied());
+                let meant = meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
                 return Err(Failure::usage(format!(
-                    "--set {assignment}: {owner} has no key `{name}`: its keys are {}",
+                    "--set {assignment}: {owner} has no key `{name}`{meant}: its keys are {}",
                     names.join(", ")
                 )));
             };
@@ -84,6 +86,11 @@ impl Settings {
             values.insert(key.name, value.to_owned());
         }
         Ok(Self(values))
+    }
+
+    /// All keys with their values, for scripts.
+    pub(crate) fn json(&self) -> serde_json::Value {
+        self.0.iter().map(|(&key, value)| (key.to_owned(), serde_json::Value::from(value.as_str()))).collect()
     }
 
     /// The value of a key as text, if the method has that key.
@@ -157,6 +164,7 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named_with_its_mend() {
         assert!(parse(&["threads=4"]).unwrap_err().contains("its keys are lights, clamp, exposure"));
+        assert!(parse(&["ligths=4"]).unwrap_err().contains("did you mean `lights`?"));
         assert!(parse(&["lights=0"]).unwrap_err().contains("a whole number from 1 to 64"));
         assert!(
             parse(&["lights=1.5"]).is_err()

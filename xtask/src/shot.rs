@@ -12,6 +12,7 @@ use scene::{
     NoIndirect, PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint,
     WalkReport, Walked,
 };
+use serde_json::{Value, json};
 use stochastic::{EnergySpread, TwoLevelSampler};
 
 use crate::device::{Device, Lit};
@@ -36,6 +37,25 @@ pub(crate) enum Gi {
     Path,
 }
 
+impl Gi {
+    /// As written after `--gi`.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Vpl(_) => "vpl",
+            Self::Path => "path",
+        }
+    }
+
+    /// Virtual point lights asked for.
+    pub(crate) const fn vpls(self) -> Option<usize> {
+        match self {
+            Self::Vpl(count) => Some(count),
+            _ => None,
+        }
+    }
+}
+
 /// Everything that decides what a picture looks like, but for the scene, the camera and the size.
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
@@ -51,6 +71,27 @@ pub(crate) struct Plan {
     pub(crate) seed: u32,
     /// Of lights drawn and places on them.
     pub(crate) light_seed: u32,
+}
+
+impl Plan {
+    /// All that decides what the picture looks like, and nothing else: the same picture has the same words, whatever the machine.
+    pub(crate) fn about(&self, scene: &str, camera: &str, params: &RenderParams) -> Value {
+        json!({
+            "scene": scene,
+            "camera": camera,
+            "width": params.width,
+            "height": params.height,
+            "method": self.method.about().name,
+            "settings": self.settings.json(),
+            "spp": params.spp,
+            "pixels": params.pixels,
+            "seed": self.seed,
+            "gi": self.gi.name(),
+            "bounces": self.bounces,
+            "vpls": self.gi.vpls(),
+            "unit": "linear RGB radiance, W/m2/sr",
+        })
+    }
 }
 
 /// What a picture is taken of.

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use scene::{Camera, ImportOptions, MaterialMode, Scene, SceneError};
+use scene::{Camera, ImportLimits, ImportOptions, ImportProblem, MaterialMode, Scene, SceneError};
 
 use crate::failure::Failure;
 use crate::settings::Settings;
@@ -16,10 +16,19 @@ pub(crate) const DEFAULT_SCENE: &str = "hall:10000";
 /// A usage error for a built-in name or count that there is not, a failure for a file that cannot be read.
 pub(crate) fn load(what: &str, materials: MaterialMode) -> Result<(Scene, f64), Failure> {
     let start = Instant::now();
-    let options = ImportOptions { materials, ..ImportOptions::default() };
-    let scene = scene::open(what, &options).map_err(|error| match error {
+    // A file that a person named may be larger than one from anywhere: a million nodes are 100 MB of JSON.
+    let limits =
+        ImportLimits { max_json_bytes: 512 << 20, max_json_structures: 16 << 20, ..ImportLimits::default() };
+    let options = ImportOptions { materials, limits, ..ImportOptions::default() };
+    let scene = scene::open(what, &options).map_err(|error| match &error {
         SceneError::Builtin(_) => Failure::usage(error.to_string()),
-        SceneError::Import(_) => Failure::failed(error.to_string()),
+        SceneError::Import(import) => Failure::failed(match &import.problem {
+            ImportProblem::Limit { at, found, limit, .. } => format!(
+                "{}: {at}: needs {found} where {limit} is the limit: merge its meshes or split the file",
+                import.file.display()
+            ),
+            _ => error.to_string(),
+        }),
     })?;
     let seconds = start.elapsed().as_secs_f64();
     eprintln!(

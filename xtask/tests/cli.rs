@@ -157,7 +157,13 @@ fn json_has_every_key_that_scripts_read() {
             "seconds",
             "counts",
             "bytes",
-            "output"
+            "output",
+            "settings",
+            "gi",
+            "bounces",
+            "camera",
+            "exposure",
+            "made_by"
         ]
     );
     assert_eq!(keys(&json["seconds"]), ["load", "build_rays", "build_lights", "render", "total"]);
@@ -190,6 +196,11 @@ fn json_has_every_key_that_scripts_read() {
     assert!(json["bytes"]["peak_rss"].as_u64().is_none_or(|bytes| bytes > 1 << 20));
     assert!(json["seconds"]["total"].as_f64().unwrap() >= json["seconds"]["render"].as_f64().unwrap());
     assert!(folder.path().join("render.exr").is_file() && folder.path().join("render.png").is_file());
+
+    // The picture says itself what it is.
+    let bytes = std::fs::read(folder.path().join("render.exr")).unwrap();
+    let about = String::from_utf8_lossy(&bytes[..2000.min(bytes.len())]);
+    assert!(about.contains("\"method\":\"lightcut\"") && about.contains("\"threshold\":\"0.02\""), "{about}");
 }
 
 #[test]
@@ -333,6 +344,10 @@ fn pixels_renders_only_so_many() {
 #[test]
 fn bad_calls_exit_with_2_and_say_what_to_write() {
     refuses(&["render", "--method", "nonsense"], 2, &["nonsense", "is unknown", "lightcut"]);
+    refuses(&["render", "--method", "lightcutt"], 2, &["did you mean `lightcut`?"]);
+    refuses(&["render", "hal:10"], 2, &["did you mean hall?"]);
+    refuses(&["render", "--size", "65536x65536"], 2, &["4294967296 pixels", "memory"]);
+    refuses(&["compare", "--methods", "tree,tree", "-o", "out"], 2, &["tree", "twice"]);
     refuses(
         &["render", "--method", "tree", "--set", "threshold=1"],
         2,
@@ -374,6 +389,9 @@ fn bad_calls_exit_with_2_and_say_what_to_write() {
 fn work_that_fails_exits_with_1_and_names_the_file() {
     refuses(&["render", "missing.glb"], 1, &["missing.glb"]);
     refuses(&["inspect", "missing.gltf"], 1, &["missing.gltf"]);
+    for command in ["compare", "bake"] {
+        refuses(&[command, "cornell", "-o", "/dev/null/maps"], 1, &["/dev/null is a file, not a folder"]);
+    }
     refuses(&["render", "hall:10", "--reference", "missing.exr"], 1, &["missing.exr"]);
 
     let folder = folder();
@@ -439,6 +457,33 @@ fn an_interrupt_writes_what_is_finished() {
     assert!(folder.path().join("render.exr").is_file() && folder.path().join("render.png").is_file());
 }
 
+/// `| head` closes the pipe before all is said.
+#[cfg(unix)]
+#[test]
+fn a_reader_that_has_had_enough_is_no_failure() {
+    let program = env!("CARGO_BIN_EXE_xtask");
+    let piped = |rest: &str| {
+        let line = format!("'{program}' render --help-methods {rest}");
+        let output = Command::new("sh").args(["-c", &line]).output().unwrap();
+        (text(&output.stdout), text(&output.stderr))
+    };
+    assert_eq!(piped("| true"), (String::new(), String::new()));
+    let (_, full) = piped("> /dev/full");
+    assert!(
+        full.starts_with("error: standard output cannot be written") || !cfg!(target_os = "linux"),
+        "{full}"
+    );
+}
+
+#[test]
+fn a_black_picture_says_why() {
+    let folder = folder();
+    std::fs::write(folder.path().join("empty.gltf"), r#"{"asset": {"version": "2.0"}}"#).unwrap();
+    let output = xtask(folder.path(), &["render", "empty.gltf", "--size", "8x8"]);
+    assert!(output.status.success());
+    assert!(text(&output.stderr).contains("the picture is black: empty.gltf has no triangles"));
+}
+
 #[test]
 fn compare_makes_its_files() {
     let folder = folder();
@@ -478,6 +523,12 @@ fn compare_makes_its_files() {
     assert_eq!(data["methods"].as_array().unwrap().len(), 2);
     assert!(data["reference"]["made"]["noise"]["relmse"].is_number());
     assert_eq!(read("data.csv").lines().count(), 3);
+    // What is needed to make it again, and to judge it.
+    assert_eq!((&data["seed"], &data["lights"]), (&1.into(), &50.into()));
+    assert_eq!(data["methods"][1]["settings"]["threshold"], "0.02");
+    assert!(data["units"]["mse"].is_string() && data["made_by"]["machine"]["os"].is_string(), "{data}");
+    let command = data["made_by"]["command"].as_str().unwrap();
+    assert!(command.starts_with("cargo xtask compare hall:50 --size 24x16"), "{command}");
     let table = text(&output.stdout);
     assert!(table.contains("tree") && table.contains("lightcut") && table.contains("relMSE"));
 }

@@ -90,7 +90,8 @@ impl fmt::Display for LayoutError {
             Self::Mesh { mesh, why } => write!(f, "mesh {mesh}: {why}"),
             Self::TooLarge { texels, allowed, texels_per_unit } => write!(
                 f,
-                "the lightmap would take {texels} texels, {allowed} are allowed: take {texels_per_unit:.3} texels per unit or fewer"
+                "the lightmap would take {:.3e} texels, {allowed} are allowed: take {texels_per_unit:.3e} texels per unit or fewer",
+                *texels as f64
             ),
         }
     }
@@ -148,7 +149,7 @@ pub struct Layout {
     pub pages: u32,
     /// Meshes with charts; a host's mesh that is shown at very different scales is there once for each.
     pub meshes: Vec<ChartedMesh>,
-    /// One for each object; `None` for those without triangles.
+    /// One for each object; `None` for those whose triangles, if there are any, have no area.
     pub objects: Vec<Option<Placement>>,
     /// Charts over all meshes.
     pub charts: u32,
@@ -365,9 +366,10 @@ fn check_texels(
 /// Objects by mesh, then by octave of scale: padding is laid out for the smallest of a group.
 fn groups(meshes: &[MeshView<'_>], objects: &[ObjectView], scales: &[f32]) -> Vec<Group> {
     let key = |object: u32| (objects[object as usize].mesh, scales[object as usize].log2().floor() as i32);
-    let mut order: Vec<u32> = (0..objects.len() as u32)
-        .filter(|&o| !meshes[objects[o as usize].mesh as usize].triangles.is_empty())
-        .collect();
+    let areas: Vec<f64> = meshes.iter().map(area).collect();
+    // The unwrapper makes no chart, and no page, of what is but points and lines.
+    let mut order: Vec<u32> =
+        (0..objects.len() as u32).filter(|&o| areas[objects[o as usize].mesh as usize] > 0.0).collect();
     order.sort_by_key(|&object| (key(object), object));
     let by_key = order.chunk_by(|&a, &b| key(a) == key(b));
     by_key
@@ -387,4 +389,38 @@ fn refused(error: &uvunwrap::Error) -> LayoutError {
         other => other.to_string(),
     };
     LayoutError::Params { why }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Layout, LayoutParams, MeshView, ObjectView};
+    use glam::{Affine3A, Vec3};
+
+    #[test]
+    fn what_is_but_points_and_lines_has_no_place() {
+        let points = [Vec3::ZERO; 3];
+        let line = [Vec3::ZERO, Vec3::X, 2.0 * Vec3::X];
+        let sliver = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1e-30, 0.0)];
+        let speck = [Vec3::ZERO, 1e-25 * Vec3::X, 1e-25 * Vec3::Y];
+        let triangle = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let of = |positions: &[&[Vec3; 3]]| {
+            let meshes: Vec<_> = positions
+                .iter()
+                .map(|&positions| MeshView {
+                    positions,
+                    normals: &[],
+                    triangles: &[[0, 1, 2], [0, 0, 1]],
+                    kept_uvs: &[],
+                })
+                .collect();
+            let object = |mesh| ObjectView { mesh, to_world: Affine3A::IDENTITY };
+            let objects: Vec<_> = (0..meshes.len() as u32).map(object).collect();
+            let layout = Layout::build(&meshes, &objects, &LayoutParams::default()).unwrap();
+            layout.objects.iter().map(Option::is_some).collect::<Vec<_>>()
+        };
+        assert_eq!(of(&[&points]), [false]);
+        assert_eq!(of(&[&line]), [false]);
+        assert_eq!(of(&[&sliver, &points, &triangle, &speck])[1..3], [false, true]);
+        assert_eq!(of(&[&sliver]).len() + of(&[&speck]).len(), 2);
+    }
 }

@@ -69,8 +69,11 @@ impl Files {
     fn read(&mut self, path: &Path, at: Option<&str>) -> Result<Vec<u8>, ImportProblem> {
         let read_error = |error| ImportProblem::Read { at: at.map(str::to_owned), error };
         // Asked before opening: opening a pipe waits for somebody to write to it.
-        if !path.metadata().map_err(read_error)?.is_file() {
-            return Err(read_error(io::Error::new(io::ErrorKind::InvalidInput, "it is not a plain file")));
+        let kind = path.metadata().map_err(read_error)?;
+        if !kind.is_file() {
+            let what =
+                if kind.is_dir() { "it is a folder, not a plain file" } else { "it is not a plain file" };
+            return Err(read_error(io::Error::new(io::ErrorKind::InvalidInput, what)));
         }
         let file = File::open(path).map_err(read_error)?;
         let size = file.metadata().map_err(read_error)?.len();

@@ -66,7 +66,40 @@ impl CellParams {
 
 /// The cuts of cells that paths have come to lately, the distribution of one receiver, and what is learned within one unit of work.
 ///
-/// Nothing is allocated once it has grown to what [`CellParams`] allow.
+/// One for each thread. A unit of work is what is rendered without looking at other work: a tile of pixels, as a rule. A pass is one camera sample of each
+/// of its pixels; what a pass learns, the passes after it go by. Nothing is allocated once it has grown to what [`CellParams`] allow.
+///
+/// ```
+/// use glam::Vec3;
+/// use lighttree::rng::{Decisions, Random};
+/// use lighttree::{BuildParams, LambertReceiver, LightBounds, LightSampler, LightTree, TreeSampler};
+/// use stochastic::{CellCdfs, CellParams};
+///
+/// let lamps: Vec<_> = (0..1000).map(|i| LightBounds::point(Vec3::new(i as f32, 0.0, 5.0), 1.0)).collect();
+/// let tree = LightTree::build(&lamps, &BuildParams::default())?;
+/// let walk = TreeSampler::new(&tree);
+/// let params = CellParams::new(20.0, 64);
+///
+/// let mut cells = CellCdfs::default();
+/// cells.begin(Some(0.1)); // a tile
+/// for pass in 0..4 {
+///     for pixel in 0..64 {
+///         // Each vertex of each path.
+///         let floor = LambertReceiver { position: Vec3::new(300.0 + pixel as f32, 0.0, 0.0), normal: Vec3::Z, albedo: 0.5 };
+///         cells.prepare(&tree, &params, &floor, floor.normal);
+///         let mut random = Decisions::new(Random::new(1, pixel, pass));
+///         let Some(draw) = cells.sampler(&walk).draw(&floor, &mut random) else { continue };
+///         let tag = cells.drawn(&draw);
+///         let to = lamps[draw.sample.light.index()].min - floor.position;
+///         cells.learn(tag, 0.16 * to.normalize().z / to.length_squared()); // where a shadow ray finds the lamp
+///         // For a light that a path ran into: how probable would it have been?
+///         let pmf = cells.sampler(&walk).pmf(&floor, draw.sample.light);
+///         assert!((pmf / draw.sample.pmf - 1.0).abs() < 1e-6);
+///     }
+///     cells.begin_pass();
+/// }
+/// # Ok::<(), lighttree::BuildError>(())
+/// ```
 #[derive(Debug, Default)]
 pub struct CellCdfs {
     cuts: Vec<(CellKey, SharedCut)>,
@@ -120,7 +153,7 @@ impl CellCdfs {
         }
     }
 
-    /// Begins the next pass.
+    /// Begins the next pass: what the last ones learned counts from now on. Not needed where nothing is learned.
     pub fn begin_pass(&mut self) {
         if let Some(learned) = &mut self.learned
             && learned.phases.next(true)

@@ -180,7 +180,14 @@ impl Reader<'_> {
             let is = |mesh: u32| scene.materials[scene.meshes[mesh as usize].material as usize].name == name;
             let objects: Vec<u32> =
                 (0..scene.instances.len() as u32).filter(|&o| is(scene.instances[o as usize].mesh)).collect();
-            if objects.is_empty() { Err("is on no object".to_owned()) } else { Ok(objects) }
+            if !objects.is_empty() {
+                return Ok(objects);
+            }
+            let names = || scene.materials.iter().map(|material| material.name.as_str());
+            let meant = scene::nearest(name, names());
+            let meant = meant.map_or_else(String::new, |meant| format!("; did you mean {meant:?}?"));
+            let names: Vec<_> = names().filter(|name| !name.is_empty()).take(20).collect();
+            Err(format!("{name:?} is on no object{meant}: there are {}", names.join(", ")))
         })
     }
 

@@ -11,12 +11,17 @@ pub(super) fn page(data: &Value) -> String {
     let seconds = data["seconds_per_method"].as_f64().unwrap_or_default();
     let mut html = html::head(&format!("{scene}: methods compared"));
     html += &format!(
-        "<p>{}×{} pixels, {seconds} seconds per method on {} threads, light tree included. The reference: {}. Data: \
-         <a href=\"data.json\">JSON</a>, <a href=\"data.csv\">CSV</a>; every picture is there as EXR, too.</p>\n",
+        "<p>{} lights, {}×{} pixels, seed {}, {seconds} seconds per method on {} threads of {}, light tree included. The reference: {}. Errors have no unit, but \
+         MSE: (W/m²/sr)². Made by <code>{}</code> at {}. Data: <a href=\"data.json\">JSON</a>, <a href=\"data.csv\">CSV</a>; every picture is there as EXR, too.</p>\n",
+        data["lights"],
         data["width"],
         data["height"],
+        data["seed"],
         data["threads"],
-        escape(data["reference"]["description"].as_str().unwrap_or_default())
+        text(&data["made_by"]["machine"]["processor"]),
+        text(&data["reference"]["description"]),
+        text(&data["made_by"]["command"]),
+        text(&data["made_by"]["commit"]),
     );
     html += &table(methods);
     html += "<div class=\"pictures\">\n";
@@ -32,6 +37,10 @@ pub(super) fn page(data: &Value) -> String {
         "<figure><img src=\"reference.png\" alt=\"{scene}, the reference\"><figcaption><b>reference</b></figcaption></figure>\n</div>\n</body>\n</html>\n"
     );
     html
+}
+
+fn text(value: &Value) -> String {
+    escape(value.as_str().unwrap_or("an unknown one"))
 }
 
 /// A row per method; the smallest relMSE stands out.

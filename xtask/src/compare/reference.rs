@@ -39,6 +39,10 @@ const PROBE: usize = 64;
 /// Least pixels that a reference is made over.
 const FEWEST: usize = 256;
 
+/// Number of a reference's first camera sample: beyond all that methods take, so that it shares none of their luck at edges of things. The seed is
+/// theirs, for it decides virtual lights.
+const FIRST_SAMPLE: u32 = 1 << 24;
+
 impl Reference {
     /// One that the user has.
     pub(super) fn given(film: Film) -> Self {
@@ -66,7 +70,7 @@ impl Reference {
 
         // Learn what a pixel costs, and spend the rest of the time by it.
         let all = params.width as usize * params.height as usize;
-        let probe = RenderParams { pixels: Some(PROBE.min(all)), ..*params };
+        let probe = RenderParams { pixels: Some(PROBE.min(all)), first_sample: FIRST_SAMPLE, ..*params };
         stage.render(&plan, &prepared, &probe, &())?;
         let per_pixel = start.elapsed().as_secs_f64() / PROBE.min(all) as f64;
         let affordable = (0.5 * seconds / per_pixel).max(FEWEST as f64);
@@ -78,8 +82,8 @@ impl Reference {
             let params = RenderParams { spp, first_sample, pixels, ..*params };
             stage.render(&plan, &prepared, &params, &Watched::new(name))
         };
-        let first = half(0, "reference, first half")?;
-        let second = half(spp, "reference, second half")?;
+        let first = half(FIRST_SAMPLE, "reference, first half")?;
+        let second = half(FIRST_SAMPLE + spp, "reference, second half")?;
         if stop::asked() {
             return Err(Failure::Interrupted(
                 "cut short before the reference was finished; nothing is written".to_owned(),
@@ -116,7 +120,8 @@ impl Reference {
     pub(super) fn json(&self) -> Value {
         let made = self.made.as_ref().map(|made| {
             json!({
-                "method": made.method, "spp": made.spp, "seconds": made.seconds, "pixels": made.pixels,
+                "method": made.method, "spp": made.spp, "first_sample": FIRST_SAMPLE, "seconds": made.seconds,
+                "pixels": made.pixels,
                 "noise": { "mse": made.mse, "relmse": made.relmse },
             })
         });

@@ -8,9 +8,14 @@ use crate::html::{escape, head};
 pub(super) fn page(data: &Value) -> String {
     let mut html = head("Accuracy for time");
     html += &format!(
-        "<p>relMSE against every light (<code>brute</code>) at the very same camera rays, {} per pixel: what differs is light selection alone. Times are of rendering on {} threads, without building the tree. \
-         Data: <a href=\"data.json\">JSON</a>, <a href=\"data.csv\">CSV</a>; every picture is there as EXR, too.</p>\n",
-        data["spp"], data["threads"]
+        "<p>relMSE against every light (<code>brute</code>) at the very same camera rays, {} per pixel, seed {}: what differs is light selection alone. Times are of rendering on {} threads of {}, without building the tree. \
+         Made by <code>{}</code> at {}. Data: <a href=\"data.json\">JSON</a>, <a href=\"data.csv\">CSV</a>; every picture is there as EXR, too.</p>\n",
+        data["spp"],
+        data["seed"],
+        data["threads"],
+        text(&data["made_by"]["machine"]["processor"]),
+        text(&data["made_by"]["command"]),
+        text(&data["made_by"]["commit"]),
     );
     for scene in list(&data["scenes"]) {
         html += &section(scene);

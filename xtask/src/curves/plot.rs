@@ -1,9 +1,12 @@
 //! Error against time as SVG.
 
 use plotters::prelude::*;
+use serde_json::Value;
 
 use super::sweep::Curve;
 use crate::failure::Failure;
+use crate::html::escape;
+use crate::provenance::machine_line;
 
 /// Colours that stay apart for people who see red and green alike (Okabe and Ito 2008), and two more.
 const COLORS: [RGBColor; 9] = [
@@ -22,17 +25,35 @@ const SIZE: (u32, u32) = (900, 560);
 const BACKGROUND: RGBColor = RGBColor(22, 24, 28);
 const INK: RGBColor = RGBColor(220, 220, 220);
 
-/// Both axes are logarithmic; a curve with an error of zero ends before it.
+/// Both axes are logarithmic; a curve with an error of zero ends before it. `about` is what all curves share; it is kept in the file, as its description.
 ///
 /// # Errors
 /// What the plotter says, which no data can cause.
-pub(super) fn plot(scene: &str, curves: &[Curve]) -> Result<String, Failure> {
+pub(super) fn plot(about: &Value, threads: usize, curves: &[Curve]) -> Result<String, Failure> {
     let mut svg = String::new();
-    draw(&mut svg, scene, curves).map_err(|error| Failure::failed(format!("{scene}: no plot: {error}")))?;
-    Ok(svg)
+    let scene = about["scene"].as_str().unwrap_or_default();
+    draw(&mut svg, about, threads, curves)
+        .map_err(|error| Failure::failed(format!("{scene}: no plot: {error}")))?;
+    // The first tag is the whole picture's.
+    let description = format!(">\n<desc>{}</desc>", escape(&about.to_string()));
+    Ok(svg.replacen('>', &description, 1))
 }
 
-fn draw(svg: &mut String, scene: &str, curves: &[Curve]) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(
+    svg: &mut String,
+    about: &Value,
+    threads: usize,
+    curves: &[Curve],
+) -> Result<(), Box<dyn std::error::Error>> {
+    let title = format!(
+        "{}: {} lights, {}×{} pixels, {} per pixel, seed {}",
+        about["scene"].as_str().unwrap_or_default(),
+        about["lights"],
+        about["width"],
+        about["height"],
+        about["spp"],
+        about["seed"]
+    );
     let series: Vec<Vec<(f64, f64)>> = curves
         .iter()
         .map(|curve| {
@@ -46,15 +67,15 @@ fn draw(svg: &mut String, scene: &str, curves: &[Curve]) -> Result<(), Box<dyn s
     let area = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     area.fill(&BACKGROUND)?;
     let mut chart = ChartBuilder::on(&area)
-        .caption(scene, ("sans-serif", 18).into_font().color(&INK))
+        .caption(title, ("sans-serif", 18).into_font().color(&INK))
         .margin(14)
         .x_label_area_size(42)
         .y_label_area_size(70)
         .build_cartesian_2d(seconds.log_scale(), errors.log_scale())?;
     chart
         .configure_mesh()
-        .x_desc("seconds to render")
-        .y_desc("relMSE")
+        .x_desc(format!("seconds to render, {}", machine_line(threads)))
+        .y_desc("relMSE, no unit")
         .label_style(("sans-serif", 14).into_font().color(&INK))
         .axis_style(INK)
         .bold_line_style(INK.mix(0.25))

@@ -47,45 +47,16 @@ pub(crate) fn geometry<T>(flat: &FlatRays, upload: impl FnOnce(&Geometry<'_>) ->
 
 /// A light as the device samples it.
 pub(crate) fn emitter(scene: &Scene, light: &Light) -> EmitterRecord {
-    let blank = EmitterRecord {
-        a: [0.0; 3],
-        kind: EmitterRecord::POINT,
-        b: [0.0; 3],
-        cos_inner: 0.0,
-        c: [0.0; 3],
-        cos_outer: 0.0,
-        color: [0.0; 3],
-        offset: 0.0,
-    };
     match *light {
-        Light::Point { position, intensity } => {
-            EmitterRecord { a: position.to_array(), color: intensity.to_array(), ..blank }
+        Light::Point { position, intensity } => EmitterRecord::point(position, intensity),
+        Light::Spot { position, axis, intensity, cos_inner, cos_outer } => {
+            EmitterRecord::spot(position, axis, cos_inner, cos_outer, intensity)
         }
-        Light::Spot { position, axis, intensity, cos_inner, cos_outer } => EmitterRecord {
-            a: position.to_array(),
-            kind: EmitterRecord::SPOT,
-            b: axis.to_array(),
-            cos_inner,
-            cos_outer,
-            color: intensity.to_array(),
-            ..blank
-        },
-        Light::Vpl { position, normal, intensity } => EmitterRecord {
-            a: position.to_array(),
-            kind: EmitterRecord::COSINE,
-            b: normal.to_array(),
-            color: intensity.to_array(),
-            ..blank
-        },
-        Light::Triangle { vertices: [a, b, c], radiance, two_sided, .. } => EmitterRecord {
-            a: a.to_array(),
-            kind: if two_sided { EmitterRecord::TWO_SIDED_TRIANGLE } else { EmitterRecord::TRIANGLE },
-            b: b.to_array(),
-            c: c.to_array(),
-            color: radiance.to_array(),
-            offset: light.point_by_area(scene, [0.5; 2]).offset,
-            ..blank
-        },
+        Light::Vpl { position, normal, intensity } => EmitterRecord::cosine(position, normal, intensity),
+        Light::Triangle { vertices, radiance, two_sided, .. } => {
+            let offset = light.point_by_area(scene, [0.5; 2]).offset;
+            EmitterRecord::triangle(vertices, radiance, two_sided, offset)
+        }
     }
 }
 

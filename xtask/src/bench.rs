@@ -1,7 +1,11 @@
 //! `cargo xtask bench`: criterion over the whole workspace.
 
+use std::path::Path;
+
 use crate::cargo::{cargo, run};
 use crate::failure::Failure;
+use crate::output;
+use crate::provenance::provenance;
 
 /// What to measure.
 #[derive(clap::Args)]
@@ -31,8 +35,13 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<(), Failure> {
         command.arg(filter(&args.names));
     }
     run(command, "the lines above name the benchmark that failed")?;
+    let metadata = crate::cargo::metadata()?;
+    let folder = Path::new(metadata["target_directory"].as_str().unwrap_or("target")).join("criterion");
+    // Criterion's own files name no machine.
+    output::text(&folder.join("made_by.json"), &format!("{:#}\n", provenance()))?;
     eprintln!(
-        "figures and curves: target/criterion/report/index.html (in CARGO_TARGET_DIR where that is set)"
+        "figures and curves: {}; what made them: made_by.json beside it; times are in nanoseconds",
+        folder.join("report/index.html").display()
     );
     Ok(())
 }

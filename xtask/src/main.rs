@@ -64,7 +64,10 @@ fn main() -> ExitCode {
     let outcome = match Program::try_parse() {
         Ok(program) => run(&program.command),
         Err(error) if error.use_stderr() => Err(Failure::usage(first_paragraph(&error))),
-        Err(help) => output::print(&help.to_string()),
+        Err(help) => {
+            let _ = help.print();
+            Ok(())
+        }
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -180,7 +180,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<(), Failure> {
         let stops = *exposure.get_or_insert_with(|| scene::auto_exposure(&taken.rendered.film));
         let output = sequence.output(&args.output, frame);
         let mut about = plan.about(&scene.name, &camera.name, &params);
-        if args.frames > 1 {
+        if frame > 0 {
             about["frame"] = frame.into();
         }
         let png = output::picture(&output, &taken.rendered.film, stops, &about)?;

@@ -48,6 +48,11 @@ fn refuses(arguments: &[&str], code: i32, words: &[&str]) {
     assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
 }
 
+/// What is in the picture; its bytes hold its settings, too.
+fn pixels(path: &Path) -> Vec<glam::Vec3> {
+    scene::read_exr(path, None).unwrap().pixels
+}
+
 fn keys(object: &Value) -> Vec<&str> {
     object.as_object().expect("an object").keys().map(String::as_str).collect()
 }
@@ -256,10 +261,11 @@ fn the_same_seed_gives_the_same_bytes_for_any_threads() {
         );
         std::fs::read(folder.path().join(name)).unwrap()
     };
+    let pixels = |name: &str| pixels(&folder.path().join(name));
     for method in ["tree", "lightcut", "ris", "cut-cdf-vis"] {
-        let one = picture("1", method, "7", "one.exr");
-        assert_eq!(one, picture("2", method, "7", "two.exr"), "{method}");
-        assert_ne!(one, picture("2", method, "8", "other.exr"), "{method}: the seed changes nothing");
+        assert_eq!(picture("1", method, "7", "one.exr"), picture("2", method, "7", "two.exr"), "{method}");
+        picture("2", method, "8", "other.exr");
+        assert_ne!(pixels("one.exr"), pixels("other.exr"), "{method}: the seed changes nothing");
     }
 }
 
@@ -268,6 +274,7 @@ fn the_same_seed_gives_the_same_bytes_for_any_threads() {
 fn frames_are_written_one_by_one() {
     let folder = folder();
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    let pixels = |name: &str| pixels(&folder.path().join(name));
     for scene in ["cornell-lights:200", "sun:500", "hall:50"] {
         let one = render(folder.path(), &[scene, "--method", "tree", "--spp", "2", "-o", "one.exr"]);
         assert!(one.get("frames").is_none(), "one picture is reported as ever");
@@ -286,7 +293,7 @@ fn frames_are_written_one_by_one() {
         let sum: u64 = json["counts"]["closest_hit_rays"].as_u64().unwrap();
         assert!(sum >= 3 * 2 * 24 * 16, "counts are those of all frames");
         assert_eq!(read("one.exr"), read("film.0000.exr"), "{scene}");
-        assert_ne!(read("film.0001.exr"), read("film.0002.exr"), "{scene}");
+        assert_ne!(pixels("film.0001.exr"), pixels("film.0002.exr"), "{scene}");
 
         // The same bits again, on another number of threads.
         let again = [&arguments[..7], &["-o", "again.exr", "--threads", "1"]].concat();
@@ -316,7 +323,7 @@ fn two_levels_draw_the_same_picture() {
 #[test]
 fn a_camera_goes_round() {
     let folder = folder();
-    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    let read = |name: &str| pixels(&folder.path().join(name));
     let arguments = ["hall:50", "--method", "brute", "--frames", "2", "-o"];
     render(folder.path(), &[&arguments[..], &["still.exr"]].concat());
     render(folder.path(), &[&arguments[..], &["orbit.exr", "--set", "orbit=20"]].concat());

@@ -149,7 +149,7 @@ pub struct Layout {
     pub pages: u32,
     /// Meshes with charts; a host's mesh that is shown at very different scales is there once for each.
     pub meshes: Vec<ChartedMesh>,
-    /// One for each object; `None` for those whose triangles, if there are any, have no area.
+    /// One for each object; `None` for those without triangles, or with none that is wider than a millionth of the mesh.
     pub objects: Vec<Option<Placement>>,
     /// Charts over all meshes.
     pub charts: u32,
@@ -363,13 +363,29 @@ fn check_texels(
     })
 }
 
+/// Whether the unwrapper makes a chart of anything in the mesh: it leaves out triangles thinner than a millionth of the mesh's extent, and can't take a
+/// mesh of which nothing is left.
+fn has_place(mesh: &MeshView<'_>) -> bool {
+    if !mesh.kept_uvs.is_empty() {
+        return !mesh.triangles.is_empty();
+    }
+    let mut positions = mesh.positions.iter().map(|p| p.as_dvec3());
+    let first = positions.next().unwrap_or_default();
+    let (low, high) = positions.fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
+    let thinnest = 2e-6 * (high - low).length();
+    mesh.triangles.iter().any(|t| {
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize].as_dvec3());
+        let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+        (b - a).cross(c - a).length() > thinnest * longest
+    })
+}
+
 /// Objects by mesh, then by octave of scale: padding is laid out for the smallest of a group.
 fn groups(meshes: &[MeshView<'_>], objects: &[ObjectView], scales: &[f32]) -> Vec<Group> {
     let key = |object: u32| (objects[object as usize].mesh, scales[object as usize].log2().floor() as i32);
-    let areas: Vec<f64> = meshes.iter().map(area).collect();
-    // The unwrapper makes no chart, and no page, of what is but points and lines.
+    let have_place: Vec<bool> = meshes.iter().map(has_place).collect();
     let mut order: Vec<u32> =
-        (0..objects.len() as u32).filter(|&o| areas[objects[o as usize].mesh as usize] > 0.0).collect();
+        (0..objects.len() as u32).filter(|&o| have_place[objects[o as usize].mesh as usize]).collect();
     order.sort_by_key(|&object| (key(object), object));
     let by_key = order.chunk_by(|&a, &b| key(a) == key(b));
     by_key
@@ -420,7 +436,8 @@ mod tests {
         };
         assert_eq!(of(&[&points]), [false]);
         assert_eq!(of(&[&line]), [false]);
-        assert_eq!(of(&[&sliver, &points, &triangle, &speck])[1..3], [false, true]);
-        assert_eq!(of(&[&sliver]).len() + of(&[&speck]).len(), 2);
+        assert_eq!(of(&[&sliver]), [false]);
+        assert_eq!(of(&[&speck]), [true]);
+        assert_eq!(of(&[&sliver, &points, &triangle, &speck]), [false, false, true, true]);
     }
 }

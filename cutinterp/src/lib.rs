@@ -9,7 +9,7 @@
 //! A point without a record is the host's, who falls back to an exact cut and counts it. [`QuickBounds`] finds the few nodes of a cut whose error bound
 //! the host should ask for at the point itself.
 //!
-//! `examples/preview.rs` is all of it in another renderer: a hundred exact cuts, and every pixel by interpolation, with and without shadow rays.
+//! `examples/preview.rs` is all of it in another renderer: some hundred exact cuts, and every pixel by interpolation.
 //!
 //! [`Reconstruction`] is the peer method that the paper compares with: Walter et al.'s reconstruction cuts.
 

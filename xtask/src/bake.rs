@@ -16,6 +16,7 @@ use bake::lightmap::{ImageParams, LayoutParams, Lightmap, LightmapParams};
 use bake::{Aperture, BakeParams, Baker, GeometryVersion, LightKey, StepBudget, Update};
 use glam::Vec3;
 use scene::MaterialMode;
+use serde_json::json;
 
 pub(crate) use self::args::BakeArgs;
 use self::args::KEYS;
@@ -25,7 +26,7 @@ use self::state::{State, fnv, hash_scene};
 use self::summary::{Seconds, summary};
 use self::world::{Geometry, World};
 use crate::failure::Failure;
-use crate::settings::Settings;
+use crate::settings::{Key, Settings};
 use crate::{render, source, stop};
 
 /// Texels that a bake has when nothing is said.

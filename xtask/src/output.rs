@@ -14,7 +14,7 @@ use crate::failure::Failure;
 /// # Errors
 /// A failure where standard output cannot be written for another reason: a full disk, as a rule.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
-    let mut out = std::io::stdout().lock();
+    let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
             Err(Failure::failed(format!("standard output cannot be written: {error}")))
@@ -44,12 +44,12 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).map_err(|error| in_folder(path, &error))
 }
 
-fn in_folder(path: &Path, error: &std::io::Error) -> Failure {
+fn in_folder(path: &Path, error: &io::Error) -> Failure {
     Failure::failed(format!("-o {}: {error}: choose another folder", path.display()))
 }
 
 /// A file in `folder` that is gone when it is dropped.
-fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+fn temporary_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".lighttree-").suffix(".tmp");
     #[cfg(unix)]

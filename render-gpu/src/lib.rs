@@ -8,7 +8,7 @@
 //!
 //! Kernels and buffers once, and in each frame the tree, the draws and the shading, all of them recorded into the host's encoder:
 //!
-//! ```ignore
+//! ```no_run
 //! use glam::Vec3;
 //! use lighttree::{Emitter, LambertReceiver, PointLight, WeightedLight};
 //! use render_gpu::draw::{DrawKernels, DrawRequest, Draws, Method};

@@ -69,7 +69,7 @@ impl CellParams {
 /// One for each thread. A unit of work is what is rendered without looking at other work: a tile of pixels, as a rule. A pass is one camera sample of each
 /// of its pixels; what a pass learns, the passes after it go by. Nothing is allocated once it has grown to what [`CellParams`] allow.
 ///
-/// ```ignore
+/// ```
 /// use glam::Vec3;
 /// use lighttree::rng::{Decisions, Random};
 /// use lighttree::{BuildParams, LambertReceiver, LightBounds, LightSampler, LightTree, TreeSampler};

@@ -3,7 +3,9 @@
 mod common;
 
 use common::{SHAPES, TestTree};
-use cutinterp::{Impostor, Impostors, LevelMetric, Levels, Reconstruction, ReconstructionParams};
+use cutinterp::{
+    Impostor, Impostors, LevelMetric, Levels, Reconstructed, Reconstruction, ReconstructionParams,
+};
 use glam::{DVec3, Vec3};
 use lighttree::rng::Random;
 use lighttree::{ItemRanges, LightHierarchy, NodeId};
@@ -53,20 +55,35 @@ proptest! {
         let corner = Impostors::new(&tree, &cut, |i| impostor(&tree, cut[i], seen[i]), floor);
         prop_assert!(corner.bytes() == 32 * corner.len() && corner.len() <= tree.node_count());
         let expected = exact(&tree, &cut, |i| seen[i]);
-        let mut evaluated_outside = 0;
-        let out = Reconstruction::default().reconstruct(
-            &tree, &levels, &ReconstructionParams { threshold, largest: 1.0 }, [&corner; 4], [0.4, 0.3, 0.2, 0.1],
-            luminance(expected) * 1.01,
-            floor,
-            |node| {
-                let at = cut.iter().position(|&n| n == node);
-                evaluated_outside += u32::from(at.is_none());
-                at.map_or(Vec3::ZERO, |at| light(&tree, node, seen[at]))
-            },
-        );
-        prop_assert_eq!(evaluated_outside, 0);
+        let run = |threshold: f32, largest: f32| {
+            let mut evaluated_outside = 0;
+            let out = Reconstruction::default().reconstruct(
+                &tree, &levels, &ReconstructionParams { threshold, largest }, [&corner; 4], [0.4, 0.3, 0.2, 0.1],
+                luminance(expected) * 1.01,
+                floor,
+                |node| {
+                    let at = cut.iter().position(|&n| n == node);
+                    evaluated_outside += u32::from(at.is_none());
+                    at.map_or(Vec3::ZERO, |at| light(&tree, node, seen[at]))
+                },
+            );
+            (out, evaluated_outside)
+        };
         // An impostor's mean direction may be clamped to a plain sum; here, with smooth scattering, it is not.
-        prop_assert!((out.radiance - expected).abs().max_element() <= 1e-4 * expected.max_element() + 1e-12, "{out:?} {expected}");
+        let is_right = |out: &Reconstructed| {
+            (out.radiance - expected).abs().max_element() <= 1e-4 * expected.max_element() + 1e-12
+        };
+
+        // Four corners that are one agree on everything, however bright it is: no rays.
+        let (out, _) = run(threshold, 1.0);
+        prop_assert!(is_right(&out), "{out:?} {expected}");
+        prop_assert_eq!(out.evaluated, 0);
+
+        // Where no impostor may stand for anything, each lit node of the cut has its ray, and no other node.
+        let (out, outside) = run(threshold, f32::MIN_POSITIVE);
+        let lit = (0..cut.len()).filter(|&i| light(&tree, cut[i], seen[i]) != Vec3::ZERO).count();
+        prop_assert!(is_right(&out), "{out:?} {expected}");
+        prop_assert_eq!((out.interpolated, out.evaluated as usize, outside), (0, lit, 0));
     }
 }
 

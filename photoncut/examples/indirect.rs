@@ -119,7 +119,7 @@ fn main() -> Result<(), Box<dyn core::error::Error>> {
     let samples: Vec<_> = (0..clusters.len())
         .map(|k| {
             let OrientedPoint { position, normal } = points[clusters.representative(k) as usize];
-            gather(position, normal, k as u32, &params, &mut scratch, None, |direction, _| {
+            gather(position, normal, k as u32, &params, None, &mut scratch, None, |direction, _| {
                 let hit = trace(position, direction);
                 let density = DensityParams::nearest(64);
                 let found = cut.irradiance_or_density(&map, hit.at, hit.normal, &density, &mut lookup);

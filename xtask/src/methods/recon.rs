@@ -58,7 +58,7 @@ impl<'a> ReconMethod<'a> {
         levels: &'a Levels,
         params: ReconstructionParams,
     ) -> Self {
-        let seen = seen_points(frame, camera, render);
+        let (seen, mut counts) = seen_points(frame, camera, render);
         let (width, height) = (render.width, render.height);
         let of = |pixel: u32| seen[pixel as usize].as_ref();
         let fits = |point: &ShadingPoint, side: u32| {
@@ -85,7 +85,7 @@ impl<'a> ReconMethod<'a> {
                 corner(frame, &lightcut, of(pixel).expect("corners are points"), scratch)
             })
             .collect();
-        let (mut corner_at, mut counts) = (vec![NONE; blocks.len()], Counts::default());
+        let mut corner_at = vec![NONE; blocks.len()];
         let mut corners = Vec::with_capacity(made.len());
         for (&pixel, (corner, counted)) in wanted.iter().zip(made) {
             corner_at[pixel as usize] = corners.len() as u32;

@@ -10,15 +10,16 @@ use scene::{
 
 use super::lightcut::{LightcutMethod, LightcutScratch, REMEMBERED, transfer};
 
-/// The point of each pixel's first camera sample, which the renderer takes later: row by row, `None` where nothing is to be lit.
+/// The point of each pixel's first camera sample, which the renderer takes later by the same random numbers: row by row, `None` where nothing
+/// is to be lit; and what that took.
 pub(super) fn seen_points<Q: Geometry>(
     frame: &Frame<'_, Q>,
     camera: &Camera,
     render: &RenderParams,
-) -> Vec<Option<ShadingPoint>> {
+) -> (Vec<Option<ShadingPoint>>, Counts) {
     let (width, height, sample) = (render.width, render.height, render.first_sample);
-    let row = |scratch: &mut Q::Scratch, y: u32| -> Vec<Option<ShadingPoint>> {
-        let mut counts = Counts::default();
+    let row = |scratch: &mut Q::Scratch, y: u32| -> (Vec<Option<ShadingPoint>>, Counts) {
+        let mut counts = Counts { closest_hit_rays: width.into(), ..Counts::default() };
         let pixels = y * width..(y + 1) * width;
         let (rays, mut randoms): (Vec<Ray>, Vec<Random>) = pixels
             .clone()
@@ -26,16 +27,22 @@ pub(super) fn seen_points<Q: Geometry>(
             .unzip();
         let mut hits = vec![None; rays.len()];
         frame.rays.closest_each(&rays, &mut hits, scratch);
-        pixels
+        let points = pixels
             .zip(&mut randoms)
             .zip(rays.iter().zip(hits))
             .map(|((pixel, random), (ray, hit))| {
                 camera_path(frame, ray, hit, pixel, sample, random, scratch, &mut counts).point
             })
-            .collect()
+            .collect();
+        (points, counts)
     };
     let rows: Vec<_> = (0..height).into_par_iter().map_init(Q::Scratch::default, row).collect();
-    rows.concat()
+    let (mut seen, mut counts) = (Vec::with_capacity(width as usize * height as usize), Counts::default());
+    for (points, counted) in rows {
+        seen.extend(points);
+        counts.add(&counted);
+    }
+    (seen, counts)
 }
 
 /// What a thread keeps from one exact cut to the next.
@@ -75,4 +82,22 @@ impl<Q: Geometry> CutScratch<Q> {
 pub(super) fn albedo(point: &ShadingPoint) -> f32 {
     let albedo = luminance(point.bsdf.diffuse_albedo(point.normal, point.wo));
     if albedo > 0.0 { albedo } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::{SceneRays, builtin};
+
+    use super::*;
+
+    /// Rays of this pass are the method's own: without mirrors and glass, one a pixel.
+    #[test]
+    fn rays_that_look_at_the_view_are_counted() {
+        let scene = builtin("cornell").unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        let frame = Frame::new(&scene, &rays, &scene.lights, 1);
+        let params = RenderParams { width: 16, height: 9, ..RenderParams::default() };
+        let (seen, counts) = seen_points(&frame, &scene.cameras[0], &params);
+        assert_eq!((seen.len(), counts.closest_hit_rays), (16 * 9, 16 * 9));
+    }
 }

@@ -1,5 +1,7 @@
 //! Records of one view: where they are, their exact cuts, and which of them the next view may keep.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use cutinterp::{Canopy, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records, Site};
 use lightcut::Estimate;
 use lighttree::rng::Random;
@@ -43,7 +45,7 @@ impl View {
         stages: &Stages,
     ) -> (Self, RecordGrid, Counts) {
         let mut watch = Watch::start();
-        let seen = seen_points(frame, camera, render);
+        let (seen, mut counts) = seen_points(frame, camera, render);
         let points: Vec<Option<Point>> =
             seen.iter().map(|seen| seen.as_ref().map(|p| as_point(p, camera, render))).collect();
         let image = PointImage { width: render.width, points: &points };
@@ -65,10 +67,12 @@ impl View {
         let kept = placed.len();
 
         // Place records where they are missing, and find their cuts.
+        let gathered = AtomicU64::new(0);
         let gather = |rays: &mut Q::Scratch, pixel: u32, reach: f32| {
-            seen[pixel as usize]
-                .as_ref()
-                .map_or(f32::INFINITY, |point| harmonic_mean(frame, point, reach, rays))
+            seen[pixel as usize].as_ref().map_or(f32::INFINITY, |point| {
+                gathered.fetch_add(GATHER_RAYS.into(), Ordering::Relaxed);
+                harmonic_mean(frame, point, reach, rays)
+            })
         };
         placed.extend(cutinterp::place(&params.placement, &image, &placed, Q::Scratch::default, gather));
         stages.add(Stage::Placement, watch.lap_on_all_threads());
@@ -102,7 +106,8 @@ impl View {
         }
 
         // Put them where points find them, and their cuts where merging does.
-        let (mut records, mut counts) = (Records::default(), Counts::default());
+        counts.closest_hit_rays += gathered.into_inner();
+        let mut records = Records::default();
         for (placed, cut) in placed.iter().zip(cuts) {
             let footprint = points[placed.pixel as usize].map_or(0.0, |point| point.footprint);
             counts.add(&cut.counts);

@@ -4,13 +4,11 @@ use std::time::Instant;
 
 use clustering::{ClusterError, ClusterParams, Clusters, Metric, OrientedPoint, Seeding, cluster};
 use glam::Vec3;
-use lighttree::RayQueries;
 use photoncut::{GatherParams, GatherSample, InterpolationParams, IrradianceSamples, Met, RadianceSh};
 use rayon::prelude::*;
-use scene::{
-    Camera, Counts, Frame, RenderParams, Requirements, SceneRays, ShadingPoint, camera_path, camera_ray,
-};
+use scene::{Camera, Counts, Frame, RenderParams, Requirements, SceneRays, ShadingPoint};
 
+use super::super::view::seen_points;
 use super::nearness::Nearness;
 use super::{Maps, Pool, gathering};
 use crate::settings::Settings;
@@ -264,36 +262,15 @@ impl<'a> Gatherer<'a> {
     }
 }
 
-/// What the first camera sample of each pixel has to have lit, by the same random numbers as when it is rendered.
+/// What the first camera sample of each pixel has to have lit, the pixels, and what it took to find them.
 pub(super) fn shading_points(
     frame: &Frame<'_, SceneRays>,
     camera: &Camera,
     params: &RenderParams,
 ) -> (Vec<ShadingPoint>, Vec<u32>, Counts) {
-    let (width, height) = (params.width, params.height);
-    let rows: Vec<(Vec<ShadingPoint>, Counts)> = (0..height)
-        .into_par_iter()
-        .map_init(Default::default, |scratch, row| {
-            let mut counts = Counts::default();
-            let point = |column: u32| {
-                let pixel = row * width + column;
-                let sample = params.first_sample;
-                let (ray, mut random) = camera_ray(camera, frame.seed, (width, height), pixel, sample);
-                counts.closest_hit_rays += 1;
-                let first = frame.rays.closest(&ray, scratch);
-                camera_path(frame, &ray, first, pixel, sample, &mut random, scratch, &mut counts).point
-            };
-            // Light that no path brings back needs no gathering.
-            let points = (0..width).filter_map(point).filter(|p| p.throughput != Vec3::ZERO).collect();
-            (points, counts)
-        })
-        .collect();
-    let mut total = Counts::default();
-    let mut points = Vec::new();
-    for (row, counts) in rows {
-        points.extend(row);
-        total.add(&counts);
-    }
+    let (seen, counts) = seen_points(frame, camera, params);
+    // Light that no path brings back needs no gathering.
+    let points: Vec<_> = seen.into_iter().flatten().filter(|p| p.throughput != Vec3::ZERO).collect();
     let pixels = points.iter().map(|point| point.pixel).collect();
-    (points, pixels, total)
+    (points, pixels, counts)
 }

@@ -50,7 +50,7 @@ impl Default for Guide {
 
 impl Guide {
     /// Directions from `position`, over the hemisphere of the unit `normal`, in which light was met. What lies below, or is no number, is left out; nothing met, or
-    /// nothing but darkness: the cosine alone.
+    /// nothing but darkness: the cosine alone. So it is, too, where squares of radiance leave f32, beyond some 10¹⁸ and below 10⁻¹⁸ W·m⁻²·sr⁻¹: more noise, and no bias.
     pub fn toward(&mut self, position: Vec3, normal: Vec3, met: impl IntoIterator<Item = Met>) {
         self.cells.fill([0.0; 2]);
         let (x, y) = normal.any_orthonormal_pair();
@@ -92,7 +92,7 @@ impl Guide {
         let elsewhere = if rays > 0.0 { (light / rays).sqrt() } else { 0.0 };
         let weight = |[light, rays]: [f32; 2]| if rays > 0.0 { (light / rays).sqrt() } else { elsewhere };
         let sum: f32 = self.cells.iter().map(|&cell| weight(cell)).sum();
-        if !(sum.is_normal() && sum.is_finite()) {
+        if !sum.is_normal() {
             *self = Self::default();
             return;
         }

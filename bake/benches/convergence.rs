@@ -1,8 +1,10 @@
 //! How fast does a view come right after an edit?
 //!
-//! Four kinds of edit in three scenes, as in the paper's section 6: the error of what a camera sees, relative to its error before the first update, against
-//! lights accumulated. The view is what a camera sees of the scene before the edit. Clusters by invalid flux, clusters first in, first out, and a bake from scratch. A line for each, and the curves as SVG into
-//! the folder named after `--svg`. `--quick` runs a small one; `--blind` says nothing of what is looked at, `--why` what became of lights and how few changes would do,
+//! Four kinds of edit in three scenes, as in the paper's section 6: the error of what a camera sees, relative
+//! to its error before the first update, against lights accumulated. The view is what a camera sees of the
+//! scene before the edit. Clusters by invalid flux, clusters first in, first out, and a bake from scratch. A
+//! line for each, and the curves as SVG into the folder named after `--svg`. `--quick` runs a small one;
+//! `--blind` says nothing of what is looked at, `--why` what became of lights and how few changes would do,
 //! `--points` where the curves are, `--least 0.5` sets the least share of validation.
 
 mod common;

@@ -1,5 +1,6 @@
-//! What does it cost to look after paths? Everything that validation does against the bare closest-hit queries of the same rays, in turns in one run;
-//! bytes for each path vertex; and the cost of clusters, up to 100,000.
+//! What does it cost to look after paths? Everything that validation does against the bare closest-hit
+//! queries of the same rays, in turns in one run; bytes for each path vertex; and the cost of clusters, up to
+//! 100,000.
 
 mod common;
 

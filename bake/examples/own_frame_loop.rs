@@ -1,7 +1,8 @@
 //! A foreign engine that bakes between its frames.
 //!
-//! The engine knows spheres on a floor, has its own rays, and keeps light in a grid of its own on the floor instead of a lightmap. Every frame it may spend two
-//! milliseconds on the bake; in frame 30 somebody moves a sphere, and in frame 60 the lamp is dimmed. Light is never missing and never counted twice.
+//! The engine knows spheres on a floor, has its own rays, and keeps light in a grid of its own on the floor
+//! instead of a lightmap. Every frame it may spend two milliseconds on the bake; in frame 30 somebody moves a
+//! sphere, and in frame 60 the lamp is dimmed. Light is never missing and never counted twice.
 //!
 //! ```text
 //! cargo run --release -p lighttree-bake --example own_frame_loop

@@ -1,9 +1,11 @@
 //! A lamp as a tree of pieces: the virtual lights of direct light, coarse and fine, and where paths start.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, section 4.1, "Direct Virtual Lights": a k-d tree that splits the aperture along its major extent.
+//! Luksch, Wimmer and Schwärzler 2019, section 4.1, "Direct Virtual Lights": a k-d tree that splits the
+//! aperture along its major extent.
 //!
-//! Differs from the paper: a convex flat aperture is cut in two polygons of any shape; other meshes are parted by triangles until they are convex and
-//! flat, or a 256th of the lamp; spheres and skies are parted by direction.
+//! Differs from the paper: a convex flat aperture is cut in two polygons of any shape; other meshes are
+//! parted by triangles until they are convex and flat, or a 256th of the lamp; spheres and skies are parted
+//! by direction.
 
 use core::f32::consts::{PI, TAU};
 use std::collections::BTreeMap;
@@ -14,7 +16,8 @@ use crate::{Aperture, Light, Polygon, Profile, Shape, hull::convex_hull};
 
 /// A piece with less than this share of its light's flux is not split,
 const SMALLEST: f64 = 1.0 / 256.0;
-/// nor is one with fewer paths than this: of its parts next to nothing would be known, and hundreds of small lamps would take more memory than their paths.
+/// nor is one with fewer paths than this: of its parts next to nothing would be known, and hundreds of small
+/// lamps would take more memory than their paths.
 const FEWEST_PATHS: f64 = 256.0;
 
 /// A node of the tree.
@@ -250,7 +253,8 @@ impl ApertureTree {
         let u = ((at - below) / (self.leaves[leaf].1 - below)).clamp(0.0, 1.0 - f64::EPSILON) as f32;
         let (origin, direction, weight) = match &self.pieces[piece as usize].shape {
             Shape::Sphere { center, radius, .. } => {
-                // The stratum is one of directions as a receiver sees it, so the number as a whole may choose the point.
+                // The stratum is one of directions as a receiver sees it, so the number as a whole may choose
+                // the point.
                 let (normal, _) = Profile::Lambert.emit([at as f32, v]);
                 (*center + *radius * normal, cosine_around(normal, [s, t]), 1.0)
             }

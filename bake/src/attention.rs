@@ -1,8 +1,10 @@
 //! Where light is looked at: which updates a viewer would miss most.
 //!
-//! Luksch, Wimmer and Schwärzler 2019 leave this open (section 7). Here a cluster counts as much as its update will change at what is looked at: the irradiance of its
-//! lights as they are baked, with the shadow rays of that time, against that of the flux it has now, with the shadow rays of now. Only rays that cross the box of something that
-//! moved are asked again. Flux of paths that end elsewhere, which the paper goes by, is what some dozen paths a cluster say, wherever they lead.
+//! Luksch, Wimmer and Schwärzler 2019 leave this open (section 7). Here a cluster counts as much as its
+//! update will change at what is looked at: the irradiance of its lights as they are baked, with the shadow
+//! rays of that time, against that of the flux it has now, with the shadow rays of now. Only rays that cross
+//! the box of something that moved are asked again. Flux of paths that end elsewhere, which the paper goes
+//! by, is what some dozen paths a cluster say, wherever they lead.
 
 use core::f32::consts::{FRAC_1_PI, PI};
 
@@ -146,7 +148,8 @@ impl Attention {
         }
     }
 
-    /// How much an update of the node will change, and of how much: irradiance at the points; or flux, where nobody looks.
+    /// How much an update of the node will change, and of how much: irradiance at the points; or flux, where
+    /// nobody looks.
     pub(crate) fn worth(
         &self,
         node: &Node,
@@ -227,7 +230,8 @@ impl Source {
         }
     }
 
-    /// Irradiance of a watt, m⁻²: Lambertian for what the normals agree in, even for the rest, and as on the axis of a disk where it is near.
+    /// Irradiance of a watt, m⁻²: Lambertian for what the normals agree in, even for the rest, and as on the
+    /// axis of a disk where it is near.
     fn reaches(&self, (point, normal): (Vec3, Vec3)) -> f32 {
         let towards = self.position - point;
         let squared = towards.length_squared() + self.radius * self.radius;
@@ -246,9 +250,11 @@ impl Source {
 }
 
 impl Baker {
-    /// Says what is looked at: points just off surfaces, and unit normals; 64 of what a camera sees, say (of more, 64 are taken evenly). From now on updates come first that
-    /// will change most there; without points (as at first) those of the most invalid flux. The next [`step`](Self::step) asks a ray for each point and each baked light, as
-    /// later ones do for lights that they bake; so say it before an edit, and again when the camera has moved far. Where the bake ends does not depend on it, and it is not saved.
+    /// Says what is looked at: points just off surfaces, and unit normals; 64 of what a camera sees, say (of
+    /// more, 64 are taken evenly). From now on updates come first that will change most there; without points
+    /// (as at first) those of the most invalid flux. The next [`step`](Self::step) asks a ray for each point
+    /// and each baked light, as later ones do for lights that they bake; so say it before an edit, and again
+    /// when the camera has moved far. Where the bake ends does not depend on it, and it is not saved.
     ///
     /// # Errors
     /// [`BakeError::Watched`]: a point that is not finite, or a normal that is not of unit length. Then nothing has changed.

@@ -18,7 +18,8 @@ use crate::{BakeError, BakeParams, Contribution, GeometryVersion, Light, LightKe
 
 /// Baked light that follows its scene.
 ///
-/// Edits are calls; they are cheap, and only say what is out of date. [`step`](Self::step) does the work, a bit at a time.
+/// Edits are calls; they are cheap, and only say what is out of date. [`step`](Self::step) does the work, a
+/// bit at a time.
 #[derive(Clone, Debug)]
 pub struct Baker {
     pub(crate) params: BakeParams,
@@ -75,7 +76,8 @@ pub struct BakeStats {
     pub paths_changed: u64,
     /// Rays asked of the host.
     pub rays: u64,
-    /// Answers of the host that were no surface: not finite, no unit normal, or an albedo outside [0, 1]. They counted as misses.
+    /// Answers of the host that were no surface: not finite, no unit normal, or an albedo outside [0, 1].
+    /// They counted as misses.
     pub unsound_hits: u64,
     /// Updates of clusters that were out of date.
     pub validation_updates: u64,
@@ -147,12 +149,14 @@ impl Baker {
         self.version
     }
 
-    /// The oldest version that some baked light still names, or the current one: the host may forget all before it. Looks at every contribution.
+    /// The oldest version that some baked light still names, or the current one: the host may forget all
+    /// before it. Looks at every contribution.
     pub fn oldest_version(&self) -> GeometryVersion {
         self.contributions().map(|contribution| contribution.version).min().unwrap_or(self.version)
     }
 
-    /// Everything that is in the baked light, in no order that means anything: what a host adds up that starts anew with an empty map.
+    /// Everything that is in the baked light, in no order that means anything: what a host adds up that
+    /// starts anew with an empty map.
     pub fn contributions(&self) -> impl Iterator<Item = &Contribution> {
         self.cut.contributions().chain(self.restored.iter().flat_map(|saved| &saved.baked))
     }
@@ -187,7 +191,8 @@ impl Baker {
         self.forest.outside
     }
 
-    /// Bytes of paths, clusters and lamps' trees; what is baked comes on top, some 350 bytes for each contribution.
+    /// Bytes of paths, clusters and lamps' trees; what is baked comes on top, some 350 bytes for each
+    /// contribution.
     pub fn bytes(&self) -> usize {
         let lamps = self.lights.values().map(|lamp| {
             size_of::<Lamp>() + lamp.tree.bytes() + size_of_val(&*lamp.nodes) + lamp.known.capacity() * 4

@@ -1,15 +1,18 @@
 //! The virtual lights of a cell: few polygons and disks instead of many points.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, section 4.1. Members in one plane become a polygon, and what no plane takes is grouped by orientation into disks.
+//! Luksch, Wimmer and Schwärzler 2019, section 4.1. Members in one plane become a polygon, and what no plane
+//! takes is grouped by orientation into disks.
 //!
 //! Differs from the paper:
-//! - a polygon is the octagon around its members, to an eighth of the cell's side; that it may reach beyond the surface by a sixteenth shows nowhere, since shadow rays go to
-//!   members, never to points between them;
-//! - these are the eight with the least hashes of their names. All that lights are made of is rounded, or picked by hash: so a path that changes
-//!   mostly changes the flux of the lights that it belongs to, and neither their outlines nor their shadow rays, which would be noise all over the map;
-//! - a disk faces along its members' mean normal: a plane fitted to scattered members says little about where their light goes;
-//! - small pieces of a plane that continues in the next cell stay disks of their own: a light that reaches over two cells would make the update of one depend
-//!   on the other.
+//! - a polygon is the octagon around its members, to an eighth of the cell's side; that it may reach beyond
+//!   the surface by a sixteenth shows nowhere, since shadow rays go to members, never to points between them;
+//! - these are the eight with the least hashes of their names. All that lights are made of is rounded, or
+//!   picked by hash: so a path that changes mostly changes the flux of the lights that it belongs to, and
+//!   neither their outlines nor their shadow rays, which would be noise all over the map;
+//! - a disk faces along its members' mean normal: a plane fitted to scattered members says little about where
+//!   their light goes;
+//! - small pieces of a plane that continues in the next cell stay disks of their own: a light that reaches
+//!   over two cells would make the update of one depend on the other.
 
 use glam::{DVec3, Vec3};
 
@@ -17,7 +20,8 @@ use crate::normal_code::{decode, encode};
 use crate::planes::{PlaneRules, Vpl, grow, mean};
 use crate::{Places, Polygon, Shape, VirtualLight};
 
-/// Puts unit directions with weights into at most so many clusters: the cluster of each, counted from 0. The same input must give the same answer.
+/// Puts unit directions with weights into at most so many clusters: the cluster of each, counted from 0. The
+/// same input must give the same answer.
 ///
 /// With the crate `lighttree-clustering`, whose `angular_clusters` does that:
 ///
@@ -51,7 +55,8 @@ pub(crate) struct CellRules {
     pub(crate) group: GroupDirections,
 }
 
-/// The lights of members in canonical order; `seed` of a light's name within the cell, its normal and its height, gives its seed.
+/// The lights of members in canonical order; `seed` of a light's name within the cell, its normal and its
+/// height, gives its seed.
 pub(crate) fn cell_lights(
     vpls: &[Vpl],
     rules: &CellRules,
@@ -83,7 +88,8 @@ pub(crate) fn cell_lights(
     shapes.into_iter().map(light).collect()
 }
 
-/// What a light is called within its cell, which does not depend on which of them shine more: its orientation, and of patches the height of their plane.
+/// What a light is called within its cell, which does not depend on which of them shine more: its
+/// orientation, and of patches the height of their plane.
 fn name(shape: &Shape, rules: &CellRules) -> [u32; 2] {
     match shape {
         Shape::Patch { polygon, .. } => {
@@ -107,8 +113,8 @@ fn polygon(vpls: &[Vpl], group: &[u32], rules: &CellRules) -> Option<(Shape, DVe
     Some((Shape::Patch { polygon, places: Places::new(&places)?.into() }, flux))
 }
 
-/// The octagon around members, with sides at multiples of an eighth of the cell's side from the cell's centre, on the plane through the farthest member: it must
-/// not lie below the surface anywhere.
+/// The octagon around members, with sides at multiples of an eighth of the cell's side from the cell's
+/// centre, on the plane through the farthest member: it must not lie below the surface anywhere.
 fn outline(vpls: &[Vpl], group: &[u32], normal: Vec3, rules: &CellRules) -> Option<Polygon> {
     let center = rules.planes.center.as_dvec3();
     let axis = normal.as_dvec3();

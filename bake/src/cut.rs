@@ -1,15 +1,17 @@
-//! The balanced cut: which nodes speak for their members, what of them is baked, and which of them is to be brought up to date next.
+//! The balanced cut: which nodes speak for their members, what of them is baked, and which of them is to be
+//! brought up to date next.
 //!
 //! Luksch, Wimmer and Schwärzler 2019, sections 4.3 (Algorithm 1) and 4.4.
 //!
 //! Differs from the paper's Algorithm 1, which need not end:
-//! - a node's metric is at least that of each node below it (B*), ties broken by flux, depth and name, so that parents come before children;
+//! - a node's metric is at least that of each node below it (B*), ties broken by flux, depth and name, so
+//!   that parents come before children;
 //! - merging is compared with the largest B* among nodes that can be refined, not among all;
 //! - a merge that leaves the budget filled is always made.
 //!
-//! With these, no node is refined or merged twice (the largest refinable B* only falls, so what was refined at that maximum is never merged below it), and
-//! where it ends is a function of the trees alone: the refined nodes are the first in the order, as many as it takes to fill the budget. The last one may
-//! overshoot it by 6.
+//! With these, no node is refined or merged twice (the largest refinable B* only falls, so what was refined
+//! at that maximum is never merged below it), and where it ends is a function of the trees alone: the refined
+//! nodes are the first in the order, as many as it takes to fill the budget. The last one may overshoot it by 6.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,7 +19,8 @@ use crate::attention::{Invalid, Views};
 use crate::forest::{Forest, Goodbye, NONE, Node, Place};
 use crate::{Contribution, UpdateOrder};
 
-/// Order of refinement: larger first. Never equal for two nodes, and never smaller for a parent than for its child.
+/// Order of refinement: larger first. Never equal for two nodes, and never smaller for a parent than for its
+/// child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Rank {
     /// Bits of B*, which order as it does since it is not negative.
@@ -218,8 +221,8 @@ impl Cut {
         }
     }
 
-    /// Brings ranks and urgencies up to date after changes to the trees: `stale` are nodes whose importance may have changed, `worth` says how much
-    /// what is invalid of a node matters.
+    /// Brings ranks and urgencies up to date after changes to the trees: `stale` are nodes whose importance
+    /// may have changed, `worth` says how much what is invalid of a node matters.
     pub(crate) fn refresh(
         &mut self,
         forest: &Forest,
@@ -302,7 +305,8 @@ impl Cut {
         (flux - state.flux_at_bake).abs().saturating_add(state.absolute)
     }
 
-    /// What to validate next, how much of it is invalid, and of how much: `Φ_inv` and Φ, or what is seen of them.
+    /// What to validate next, how much of it is invalid, and of how much: `Φ_inv` and Φ, or what is seen of
+    /// them.
     pub(crate) fn next_validation(&self, forest: &Forest) -> Option<(Pending, f64, f64)> {
         let orphans = self.orphans.last_key_value().map(|(&key, lights)| (key, lights.len()));
         let state = self.queue.last().map(|&(_, index)| index);
@@ -324,7 +328,8 @@ impl Cut {
         }
     }
 
-    /// About how many lights the update of a state takes: its lights are subtracted and, mostly in the same pass, others added.
+    /// About how many lights the update of a state takes: its lights are subtracted and, mostly in the same
+    /// pass, others added.
     fn cost(&self, index: u32) -> i64 {
         self.states[index as usize].baked.len().max(1) as i64
     }

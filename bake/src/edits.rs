@@ -44,7 +44,8 @@ impl Baker {
         Ok(())
     }
 
-    /// Replaces a light: moves it, dims it, gives it another profile or aperture. The same aperture and number of paths keep its clusters as they are.
+    /// Replaces a light: moves it, dims it, gives it another profile or aperture. The same aperture and
+    /// number of paths keep its clusters as they are.
     ///
     /// # Errors
     /// A light that is none, no light of this name, or more than 2²⁸ paths. Then nothing has changed.
@@ -73,8 +74,8 @@ impl Baker {
         Ok(())
     }
 
-    /// Objects that were moved, bent, added or removed. From the next [`step`](Self::step) on the host answers rays in the geometry after the change,
-    /// whose version this returns.
+    /// Objects that were moved, bent, added or removed. From the next [`step`](Self::step) on the host
+    /// answers rays in the geometry after the change, whose version this returns.
     ///
     /// # Errors
     /// A box that is none; then nothing has changed.

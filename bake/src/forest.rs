@@ -1,12 +1,14 @@
-//! The hierarchies that light is clustered in: one octree of all virtual point lights, and one tree of pieces for each lamp.
+//! The hierarchies that light is clustered in: one octree of all virtual point lights, and one tree of pieces
+//! for each lamp.
 //!
 //! Luksch, Wimmer and Schwärzler 2019, section 4.1.
 //!
-//! Which cells there are is a function of the members alone: a cell exists if it has members, and is parted if it has more than `leaf_members` of them and
-//! is not one of the finest. So no history of edits leaves a trace.
+//! Which cells there are is a function of the members alone: a cell exists if it has members, and is parted
+//! if it has more than `leaf_members` of them and is not one of the finest. So no history of edits leaves a
+//! trace.
 //!
-//! Differs from the paper: a member belongs to the cell of its position less 2⁻²⁰ of the world's side along its normal, so that all of a surface that
-//! coincides with a face between cells falls on one side of it.
+//! Differs from the paper: a member belongs to the cell of its position less 2⁻²⁰ of the world's side along
+//! its normal, so that all of a surface that coincides with a face between cells falls on one side of it.
 
 use glam::Vec3;
 

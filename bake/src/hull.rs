@@ -4,8 +4,9 @@ use glam::{DVec2, DVec3, Vec3};
 
 use crate::Polygon;
 
-/// Corners of the convex hull of points near a plane with unit `normal`, counter-clockwise around it, on the plane through the farthest point along
-/// the normal. Where there are more than 8 corners, those go first that cost least area. Fewer than 3 where the points span none.
+/// Corners of the convex hull of points near a plane with unit `normal`, counter-clockwise around it, on the
+/// plane through the farthest point along the normal. Where there are more than 8 corners, those go first
+/// that cost least area. Fewer than 3 where the points span none.
 ///
 /// Andrew's monotone chain; equal points and points on edges are no corners.
 pub(crate) fn convex_hull(points: &[Vec3], normal: Vec3) -> Vec<Vec3> {

@@ -32,11 +32,13 @@ pub enum Target {
 const NEAR: f32 = 5.0;
 
 impl VirtualLight {
-    /// What arrives at `position` with unit `normal`, visibility aside; `None` where nothing does. The two uniform numbers, in [0, 1), choose the point that the
-    /// shadow ray goes to; make them from [`seed`](Self::seed) and the receiver's index, so that subtracting repeats what adding did.
+    /// What arrives at `position` with unit `normal`, visibility aside; `None` where nothing does. The two
+    /// uniform numbers, in [0, 1), choose the point that the shadow ray goes to; make them from
+    /// [`seed`](Self::seed) and the receiver's index, so that subtracting repeats what adding did.
     ///
-    /// Visibility 0 or 1 of the target times the result estimates the light without bias for points, spheres and the sky, and for polygons that are more than 5 radii
-    /// away; a nearer polygon's irradiance is exact, and its visibility the mean over its area (a patch's: its places) rather than over its irradiance. A
+    /// Visibility 0 or 1 of the target times the result estimates the light without bias for points, spheres
+    /// and the sky, and for polygons that are more than 5 radii away; a nearer polygon's irradiance is exact,
+    /// and its visibility the mean over its area (a patch's: its places) rather than over its irradiance. A
     /// disk's near field is that of its axis, and its visibility its centre's.
     pub fn incident(&self, position: Vec3, normal: Vec3, u: [f32; 2]) -> Option<Incident> {
         match &self.shape {
@@ -97,8 +99,9 @@ impl VirtualLight {
         incident(Target::At(target), direction, fluence, normal, true)
     }
 
-    /// The disk that is seen of a sphere has the same radiance everywhere, and its irradiance is that of a point at the centre while all of it is above the
-    /// horizon. A point of it, evenly over the solid angle; what is below the horizon gets no light, as every sample for itself.
+    /// The disk that is seen of a sphere has the same radiance everywhere, and its irradiance is that of a
+    /// point at the centre while all of it is above the horizon. A point of it, evenly over the solid angle;
+    /// what is below the horizon gets no light, as every sample for itself.
     fn of_sphere(
         &self,
         position: Vec3,
@@ -129,7 +132,8 @@ impl VirtualLight {
         incident(Target::At(point.as_vec3()), direction.as_vec3(), fluence, normal, true)
     }
 
-    /// `point` of the polygon stands for all of it from afar; from near, one that is `above` the receiver's horizon is asked whether it is seen.
+    /// `point` of the polygon stands for all of it from afar; from near, one that is `above` the receiver's
+    /// horizon is asked whether it is seen.
     fn of_polygon(
         &self,
         position: Vec3,
@@ -199,8 +203,8 @@ fn shaped(profile: &Profile, frame: Quat, direction: Vec3) -> f32 {
     profile.relative_intensity(frame.inverse() * direction)
 }
 
-/// A part's share of the unit square: the bits of its number, highest first, halve it in turns, so that the parts `2i` and `2i + 1` of twice as many
-/// are part `i`.
+/// A part's share of the unit square: the bits of its number, highest first, halve it in turns, so that the
+/// parts `2i` and `2i + 1` of twice as many are part `i`.
 fn stratum([part, parts]: [u32; 2], [u, v]: [f32; 2]) -> [f32; 2] {
     let (mut low, mut size) = ([0.0f32; 2], [1.0f32; 2]);
     for (turn, bit) in (0..parts.max(1).ilog2()).rev().enumerate() {

@@ -1,4 +1,5 @@
-//! Lamps as a user describes them: aperture, profile, flux and transform, kept apart since edits change one at a time.
+//! Lamps as a user describes them: aperture, profile, flux and transform, kept apart since edits change one
+//! at a time.
 //!
 //! Luksch, Wimmer and Schwärzler 2019, section 3.2.
 
@@ -9,7 +10,8 @@ use glam::{Affine3A, Quat, Vec3};
 
 use crate::{Profile, profile::spot_is_sound};
 
-/// The user's name of a light. Paths and jitter follow from it: the same light under the same name comes back to the same bits.
+/// The user's name of a light. Paths and jitter follow from it: the same light under the same name comes back
+/// to the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(transparent)]
 pub struct LightKey(pub u32);
@@ -21,7 +23,8 @@ pub struct Light {
     pub aperture: Aperture,
     /// Where it goes, in the light's own frame.
     pub profile: Profile,
-    /// Radiant flux, W per channel, from 0 on; of [`Aperture::Sky`]: irradiance on a plane that faces it, W·m⁻².
+    /// Radiant flux, W per channel, from 0 on; of [`Aperture::Sky`]: irradiance on a plane that faces it,
+    /// W·m⁻².
     pub flux: Vec3,
     /// The light's frame in the world. Scale applies to the aperture.
     pub transform: Affine3A,
@@ -51,7 +54,8 @@ pub enum Aperture {
         /// Shines from both sides, half of the flux each.
         two_sided: bool,
     },
-    /// At infinity, towards -Z: the sun, or the sky. The profile is not asked: its radiance is the same everywhere.
+    /// At infinity, towards -Z: the sun, or the sky. The profile is not asked: its radiance is the same
+    /// everywhere.
     Sky {
         /// Half of the angle that it spans, radians, from 0 (parallel rays) to π/2 (a dome).
         half_angle: f32,

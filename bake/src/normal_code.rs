@@ -1,5 +1,5 @@
-//! Unit vectors in 32 bits: two 16-bit coordinates on an octahedron (Cigolle et al., "A Survey of Efficient Representations for
-//! Independent Unit Vectors", 2014). Wrong by 1e-4 radians at most.
+//! Unit vectors in 32 bits: two 16-bit coordinates on an octahedron (Cigolle et al., "A Survey of Efficient
+//! Representations for Independent Unit Vectors", 2014). Wrong by 1e-4 radians at most.
 
 use glam::{Vec2, Vec3};
 

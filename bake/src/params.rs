@@ -18,8 +18,8 @@ pub struct Bounds {
 /// What is brought up to date first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UpdateOrder {
-    /// Clusters with the most invalid flux for each light that their update takes, as it would arrive at what is [watched](crate::Baker::watch). (The paper
-    /// neither counts lights nor knows of a viewer.)
+    /// Clusters with the most invalid flux for each light that their update takes, as it would arrive at what
+    /// is [watched](crate::Baker::watch). (The paper neither counts lights nor knows of a viewer.)
     #[default]
     InvalidFlux,
     /// In the order in which clusters became invalid: for comparison.
@@ -29,9 +29,11 @@ pub enum UpdateOrder {
 /// Dials of a bake. All of them are part of what a saved state has to agree with.
 #[derive(Clone, Copy, Debug)]
 pub struct BakeParams {
-    /// Everything that light may meet, now and after edits. What lies outside goes into the nearest cluster at its border, and is counted.
+    /// Everything that light may meet, now and after edits. What lies outside goes into the nearest cluster
+    /// at its border, and is counted.
     pub world: Bounds,
-    /// Power of a path, W, mean of the channels: the unit of invalid flux. Lights may have more or fewer paths than this says.
+    /// Power of a path, W, mean of the channels: the unit of invalid flux. Lights may have more or fewer
+    /// paths than this says.
     pub path_power: f64,
     /// Surfaces that a path may meet: bounces of indirect light, 1 to 16.
     pub bounces: u32,
@@ -47,14 +49,16 @@ pub struct BakeParams {
     pub plane_offset: f32,
     /// A cell with more members is parted, from 1.
     pub leaf_members: u32,
-    /// t of Equation 2, between 0 and 1: the share of invalid flux at which validation and balancing take turns.
+    /// t of Equation 2, between 0 and 1: the share of invalid flux at which validation and balancing take
+    /// turns.
     pub interleave_at: f64,
-    /// The least share of accumulated lights that validate while both wait, from 0.5 (the paper's, of updates) to 1. Balancing shows less.
+    /// The least share of accumulated lights that validate while both wait, from 0.5 (the paper's, of
+    /// updates) to 1. Balancing shows less.
     pub least_validation: f64,
     /// What is brought up to date first.
     pub order: UpdateOrder,
-    /// Trace a path again only from the first segment on that crosses the box of something that changed, or that starts or ends on it. The result is the same;
-    /// turn it off where boxes of edits may be too small.
+    /// Trace a path again only from the first segment on that crosses the box of something that changed, or
+    /// that starts or ends on it. The result is the same; turn it off where boxes of edits may be too small.
     pub skip_unaffected: bool,
     /// Seed of paths.
     pub seed: u32,
@@ -63,7 +67,8 @@ pub struct BakeParams {
 }
 
 impl BakeParams {
-    /// The paper's settings: 3 bounces, 3000 clusters, K = 4, `p_min` = 10, `σ_n` = 1°, `σ_d` = 0.01, t = 0.1, half of all lights at least for validation.
+    /// The paper's settings: 3 bounces, 3000 clusters, K = 4, `p_min` = 10, `σ_n` = 1°, `σ_d` = 0.01, t =
+    /// 0.1, half of all lights at least for validation.
     pub const fn new(world: Bounds, path_power: f64, group: GroupDirections) -> Self {
         Self {
             world,

@@ -14,7 +14,8 @@ pub(crate) struct PathNumbers {
 }
 
 impl PathNumbers {
-    /// The first of `count` numbers in sequence, at least one: out of the first gap that is wide enough. `None` where there are no more.
+    /// The first of `count` numbers in sequence, at least one: out of the first gap that is wide enough.
+    /// `None` where there are no more.
     pub(crate) fn take(&mut self, count: u32) -> Option<u32> {
         if let Some((first, length)) = self.gaps.iter().map(|(&f, &l)| (f, l)).find(|&(_, l)| l >= count) {
             self.gaps.remove(&first);

@@ -1,9 +1,11 @@
 //! All light paths: where they met surfaces, and what they left there as virtual point lights.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, sections 3.3 and 4.2. A vertex takes 40 bytes and a path 8; lists are threaded through the vertices.
+//! Luksch, Wimmer and Schwärzler 2019, sections 3.3 and 4.2. A vertex takes 40 bytes and a path 8; lists are
+//! threaded through the vertices.
 //!
-//! Differs from the paper: no list leads from an object to its vertices. Each vertex names its object, and an edit looks at all of them in the order of
-//! memory, which takes no longer than a walk along a list would through a tenth of them.
+//! Differs from the paper: no list leads from an object to its vertices. Each vertex names its object, and an
+//! edit looks at all of them in the order of memory, which takes no longer than a walk along a list would
+//! through a tenth of them.
 
 use std::collections::BTreeSet;
 
@@ -47,8 +49,8 @@ pub(crate) struct Vertex {
 struct Path {
     /// Its first vertex.
     first: u32,
-    /// Whether its first segment is counted; its end escapes << 1; the upper half of its power's bits << 2, which has no sign; and the edit that it was
-    /// validated at less [`Paths::base`] << 17.
+    /// Whether its first segment is counted; its end escapes << 1; the upper half of its power's bits << 2,
+    /// which has no sign; and the edit that it was validated at less [`Paths::base`] << 17.
     bits: u32,
 }
 
@@ -57,7 +59,8 @@ const EDIT: u32 = 17;
 /// and the last that they hold. A path that was validated later is looked at again.
 const LAST_EDIT: u32 = u32::MAX >> EDIT;
 
-/// The next number up that a path's bits hold: 8 of its bits. What roulette goes by, and so nothing is lost or gained by it.
+/// The next number up that a path's bits hold: 8 of its bits. What roulette goes by, and so nothing is lost
+/// or gained by it.
 pub(crate) fn rounded_power(power: f32) -> f32 {
     let up = power.to_bits().saturating_add(0xffff) & !0xffff;
     // The largest are rounded down, or they would be infinite.
@@ -158,7 +161,8 @@ impl Paths {
         (0u32..).zip(&self.vertices).filter(move |(_, vertex)| is_on(vertex)).map(|(index, _)| index)
     }
 
-    /// Appends a vertex to its path: after `last`, which is the path's last, or as its first. It is in no cell.
+    /// Appends a vertex to its path: after `last`, which is the path's last, or as its first. It is in no
+    /// cell.
     pub(crate) fn append(&mut self, path: u32, last: Option<u32>, hit: Hit) -> u32 {
         let vertex = Vertex { hit, next: END | path, in_cell: NONE };
         let index = if self.free == NONE {

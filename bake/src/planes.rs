@@ -1,14 +1,17 @@
 //! Virtual point lights of a cell that lie in planes: greedy growing in four dimensions.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, section 4.1, "Similarity Clustering". A light at p with normal n has the plane (n, n·(p - c) sin `σ_n` / `σ_d`), c the cell's
-//! centre; planes are one where they are within sin `σ_n` of each other.
+//! Luksch, Wimmer and Schwärzler 2019, section 4.1, "Similarity Clustering". A light at p with normal n has
+//! the plane (n, n·(p - c) sin `σ_n` / `σ_d`), c the cell's centre; planes are one where they are within sin
+//! `σ_n` of each other.
 //!
-//! Differs from the paper: seeds are taken by flux, then by name, so that the order of members does not matter; members are compared with the seed's plane,
-//! and the plane is fitted once at the end; after 64 seeds the rest counts as scattered.
+//! Differs from the paper: seeds are taken by flux, then by name, so that the order of members does not
+//! matter; members are compared with the seed's plane, and the plane is fitted once at the end; after 64
+//! seeds the rest counts as scattered.
 
 use glam::{DVec3, Vec3, Vec4};
 
-/// A virtual point light as it goes into a cluster, in an order that its cell's history does not change: flux, then name.
+/// A virtual point light as it goes into a cluster, in an order that its cell's history does not change:
+/// flux, then name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Vpl {
     pub(crate) position: Vec3,
@@ -32,7 +35,8 @@ pub(crate) struct PlaneRules {
 /// Seeds that are tried.
 const SEEDS: usize = 64;
 
-/// Groups of lights in one plane each, largest flux first, every light in one group at most; what is in none comes last.
+/// Groups of lights in one plane each, largest flux first, every light in one group at most; what is in none
+/// comes last.
 pub(crate) fn grow(vpls: &[Vpl], rules: &PlaneRules) -> (Vec<Vec<u32>>, Vec<u32>) {
     let plane = |vpl: &Vpl| -> Vec4 {
         let height = vpl.normal.as_dvec3().dot((vpl.position - rules.center).as_dvec3());

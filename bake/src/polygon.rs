@@ -4,7 +4,8 @@ use core::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-/// A flat convex polygon of 3 to 8 corners, counter-clockwise seen from the side that it shines to. 132 bytes, without a heap.
+/// A flat convex polygon of 3 to 8 corners, counter-clockwise seen from the side that it shines to. 132
+/// bytes, without a heap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Polygon {
     corners: [Vec3; Self::MAX_CORNERS],
@@ -22,8 +23,9 @@ impl Polygon {
     /// The most corners of a polygon.
     pub const MAX_CORNERS: usize = 8;
 
-    /// A polygon of its corners, in order; `None` for fewer than 3 or more than 8, what is not finite, and what has no area. That they
-    /// are convex and lie in a plane is the caller's word: other polygons shine wrongly, but nothing breaks.
+    /// A polygon of its corners, in order; `None` for fewer than 3 or more than 8, what is not finite, and
+    /// what has no area. That they are convex and lie in a plane is the caller's word: other polygons shine
+    /// wrongly, but nothing breaks.
     pub fn new(corners: &[Vec3]) -> Option<Self> {
         if !(3..=Self::MAX_CORNERS).contains(&corners.len()) {
             return None;
@@ -114,8 +116,9 @@ impl Polygon {
         origin + root * ((1.0 - v) * b + v * c)
     }
 
-    /// What a polygon of radiance 1 does at a point with a normal, visibility aside, exactly: irradiance, and ∫ ω dω over what is above the
-    /// horizon. The second is Lambert's formula (Arvo, "Applications of Irradiance Tensors", 1995); the first its component along the normal.
+    /// What a polygon of radiance 1 does at a point with a normal, visibility aside, exactly: irradiance, and
+    /// ∫ ω dω over what is above the horizon. The second is Lambert's formula (Arvo, "Applications of
+    /// Irradiance Tensors", 1995); the first its component along the normal.
     pub(crate) fn irradiance(&self, position: Vec3, normal: Vec3) -> (f64, DVec3) {
         let (mut above, count) = self.above_horizon(position, normal);
         if count < 3 {
@@ -186,7 +189,8 @@ impl Polygon {
         (above, count)
     }
 
-    /// The part on the side of a plane where `normal · p <= offset`. `None` if nothing is left, or more than 8 corners.
+    /// The part on the side of a plane where `normal · p <= offset`. `None` if nothing is left, or more than
+    /// 8 corners.
     pub fn clipped(&self, normal: Vec3, offset: f32) -> Option<Self> {
         let height = |p: Vec3| normal.as_dvec3().dot(p.as_dvec3()) - f64::from(offset);
         let corners = self.corners();

@@ -6,14 +6,15 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-/// Emission over directions, relative: the light's flux says how much there is in all. In the light's own frame, where it shines along -Z
-/// (`KHR_lights_punctual`).
+/// Emission over directions, relative: the light's flux says how much there is in all. In the light's own
+/// frame, where it shines along -Z (`KHR_lights_punctual`).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Profile {
     /// Of a surface: the cosine to its normal. Of a point: the same in every direction.
     #[default]
     Lambert,
-    /// `KHR_lights_punctual` spot: full inside the inner cone, `((cos θ - cos_outer)/(cos_inner - cos_outer))²` up to the outer.
+    /// `KHR_lights_punctual` spot: full inside the inner cone,
+    /// `((cos θ - cos_outer)/(cos_inner - cos_outer))²` up to the outer.
     Spot {
         /// Cosine of the inner half angle, at least `cos_outer`.
         cos_inner: f32,
@@ -25,8 +26,8 @@ pub enum Profile {
 }
 
 impl Profile {
-    /// Share of the flux that goes towards unit `direction` in the light's frame, sr⁻¹, for everything but [`Lambert`](Self::Lambert) of
-    /// a surface, whose normal is not known here: that is uniform, 1/4π.
+    /// Share of the flux that goes towards unit `direction` in the light's frame, sr⁻¹, for everything but
+    /// [`Lambert`](Self::Lambert) of a surface, whose normal is not known here: that is uniform, 1/4π.
     pub fn relative_intensity(&self, direction: Vec3) -> f32 {
         match self {
             Self::Lambert => (0.25 / PI) as f32,
@@ -42,7 +43,8 @@ impl Profile {
 const PEAK: f64 = 4180.0;
 
 impl Profile {
-    /// Largest I / Φ, sr⁻¹, at most that of a cone of half a degree; of a Lambertian surface or a uniform point.
+    /// Largest I / Φ, sr⁻¹, at most that of a cone of half a degree; of a Lambertian surface or a uniform
+    /// point.
     pub(crate) fn directionality(&self, is_surface: bool) -> f64 {
         let peak = match self {
             Self::Lambert => {
@@ -58,8 +60,8 @@ impl Profile {
         peak.min(PEAK)
     }
 
-    /// A direction in the light's frame for two uniform numbers, and what its power is to be multiplied with (1 in the mean, and always but for tables).
-    /// Lambert is uniform here.
+    /// A direction in the light's frame for two uniform numbers, and what its power is to be multiplied with
+    /// (1 in the mean, and always but for tables). Lambert is uniform here.
     pub(crate) fn emit(&self, [u, v]: [f32; 2]) -> (Vec3, f32) {
         let (z, phi, weight) = match self {
             Self::Lambert => (1.0 - 2.0 * u, v * core::f32::consts::TAU, 1.0),
@@ -104,10 +106,11 @@ pub(crate) fn spot_solid_angle(cos_inner: f32, cos_outer: f32) -> f32 {
     (2.0 * PI * ((1.0 - inner) + (inner - outer) / 3.0)) as f32
 }
 
-/// Luminous intensities over directions, as photometry files have them: half planes C around the axis, angles γ from it.
+/// Luminous intensities over directions, as photometry files have them: half planes C around the axis, angles
+/// γ from it.
 ///
-/// γ = 0 is the light's -Z (down, for a lamp that hangs), C = 0 towards +X and C = 90° towards +Y. Between its entries the table is bilinear in
-/// the angles; outside the γ that it covers there is no light.
+/// γ = 0 is the light's -Z (down, for a lamp that hangs), C = 0 towards +X and C = 90° towards +Y. Between
+/// its entries the table is bilinear in the angles; outside the γ that it covers there is no light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IntensityTable {
     /// Degrees, ascending from 0 to 360; one entry: the same all around.
@@ -176,8 +179,9 @@ impl fmt::Display for TableError {
 impl core::error::Error for TableError {}
 
 impl IntensityTable {
-    /// A table of `planes` (degrees, 0 to 360 with both ends, or 0 alone for symmetry around the axis) by `gammas` (degrees, 0 to 180); intensities are those of
-    /// the first plane, then of the next. Other symmetries are for the reader of a file to unfold.
+    /// A table of `planes` (degrees, 0 to 360 with both ends, or 0 alone for symmetry around the axis) by
+    /// `gammas` (degrees, 0 to 180); intensities are those of the first plane, then of the next. Other
+    /// symmetries are for the reader of a file to unfold.
     ///
     /// # Errors
     /// What is out of order or not a number.
@@ -269,7 +273,8 @@ impl IntensityTable {
         (f64::from(self.peak) / self.flux) as f32
     }
 
-    /// Sums over cells, exact for the bilinear table: intensity is linear in γ on each interval, and mean over an interval of planes.
+    /// Sums over cells, exact for the bilinear table: intensity is linear in γ on each interval, and mean
+    /// over an interval of planes.
     fn integrate(&self) -> f64 {
         (0..self.cells()).map(|cell| self.cell_flux(cell)).sum()
     }
@@ -307,7 +312,8 @@ impl IntensityTable {
         0.5 * width * (strip(p) + strip(p + 1)).max(0.0)
     }
 
-    /// A direction for two uniform numbers: a cell by its flux, evenly over the cell's solid angle, and the intensity there over the cell's mean.
+    /// A direction for two uniform numbers: a cell by its flux, evenly over the cell's solid angle, and the
+    /// intensity there over the cell's mean.
     fn emit(&self, [u, v]: [f32; 2]) -> (Vec3, f32) {
         let cell = self.cumulative.partition_point(|&upto| upto <= u).min(self.cumulative.len() - 1);
         let below = if cell == 0 { 0.0 } else { self.cumulative[cell - 1] };

@@ -128,7 +128,8 @@ fn selection(forest: &Forest, cut: &Cut) -> BTreeSet<Place> {
     selected.map(|state| forest.nodes[state.node as usize].place).collect()
 }
 
-/// Any metric, any budget: Algorithm 1 ends, within twice as many steps as there are nodes, and where it ends does not depend on where it began.
+/// Any metric, any budget: Algorithm 1 ends, within twice as many steps as there are nodes, and where it ends
+/// does not depend on where it began.
 #[test]
 fn balancing_ends_in_one_place() {
     let mut random = Random::new(2, 0, 0);
@@ -171,7 +172,8 @@ fn balancing_ends_in_one_place() {
     }
 }
 
-/// A host whose geometry is a hash of the ray and of a number for each octant of directions: the worst that rays can be.
+/// A host whose geometry is a hash of the ray and of a number for each octant of directions: the worst that
+/// rays can be.
 fn chaos(generations: [u32; 8]) -> impl Fn(&[Ray], &mut [Option<SurfaceHit>]) + Sync {
     move |rays, hits| {
         for (ray, hit) in rays.iter().zip(hits) {
@@ -196,7 +198,8 @@ fn group(directions: &[Vec3], _: &[f32], count: u32) -> Vec<u32> {
     directions.iter().map(|d| d.cmpgt(Vec3::ZERO).bitmask() % count).collect()
 }
 
-/// Trees, cut and flux hold in the midst of edits, and in the end every path is the one that would be traced now.
+/// Trees, cut and flux hold in the midst of edits, and in the end every path is the one that would be traced
+/// now.
 #[test]
 fn bakes_hold_in_the_midst_of_edits() {
     let everywhere = Bounds { min: Vec3::splat(-1.0), max: Vec3::splat(1.0) };
@@ -277,7 +280,8 @@ fn lamp(paths: u32, radius: f32) -> Light {
     }
 }
 
-/// A light that is given other numbers of paths again and again, as one that is dimmed by hand, takes no more room than the largest needs.
+/// A light that is given other numbers of paths again and again, as one that is dimmed by hand, takes no more
+/// room than the largest needs.
 #[test]
 fn numbers_of_paths_are_used_again() {
     let everywhere = Bounds { min: Vec3::splat(-1.0), max: Vec3::splat(1.0) };

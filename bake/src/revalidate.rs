@@ -1,7 +1,7 @@
 //! Path validation: what edits made of the paths.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, section 4.2. Lights come by invalid flux, and of each first the paths that are known to be invalid. A changed vertex goes with
-//! all that follow it.
+//! Luksch, Wimmer and Schwärzler 2019, section 4.2. Lights come by invalid flux, and of each first the paths
+//! that are known to be invalid. A changed vertex goes with all that follow it.
 
 use lighttree::Ray;
 
@@ -99,7 +99,8 @@ impl Baker {
         tasks
     }
 
-    /// For each path what became of it, and how many of its vertices were kept without looking; `None` where nothing can have changed.
+    /// For each path what became of it, and how many of its vertices were kept without looking; `None` where
+    /// nothing can have changed.
     fn look_at(&self, part: &[Task], trace: &Trace<'_>) -> Vec<Option<(u32, Traced)>> {
         let mut results = Vec::with_capacity(part.len());
         results.resize_with(part.len(), || None);
@@ -122,7 +123,8 @@ impl Baker {
         results
     }
 
-    /// Number of the first vertex that may have changed; as many as there are for a last segment that escapes.
+    /// Number of the first vertex that may have changed; as many as there are for a last segment that
+    /// escapes.
     fn first_suspect(&self, task: &Task, job: &Job<'_>) -> Option<u32> {
         let info = self.paths.info(task.path);
         if !info.counted || self.lights[&task.key].changed > info.edit {

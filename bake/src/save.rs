@@ -1,9 +1,11 @@
 //! Saved bakes: little-endian bytes that say what is in the baked light, and by which lamps and dials.
 //!
-//! Paths are not saved: each is a function of its light's name and its number, and the first steps after loading trace them again. What is saved is what cannot be had
-//! again: the contributions, which have to be subtracted one day as the records they were added as.
+//! Paths are not saved: each is a function of its light's name and its number, and the first steps after
+//! loading trace them again. What is saved is what cannot be had again: the contributions, which have to be
+//! subtracted one day as the records they were added as.
 //!
-//! Layout: `LTBAKE`, a format number (u16), the host's name of the scene (u64), length of the rest (u64), a checksum of the rest (FNV-1a, 64 bits), the rest.
+//! Layout: `LTBAKE`, a format number (u16), the host's name of the scene (u64), length of the rest (u64), a
+//! checksum of the rest (FNV-1a, 64 bits), the rest.
 
 use core::fmt;
 
@@ -78,7 +80,8 @@ impl From<BakeError> for LoadError {
 }
 
 impl Baker {
-    /// Number of the format that [`save`](Self::save) writes; another one where the same dials give other paths or clusters, too.
+    /// Number of the format that [`save`](Self::save) writes; another one where the same dials give other
+    /// paths or clusters, too.
     pub const FORMAT: u16 = 3;
 
     /// The bake as bytes. `scene` is the host's name of the scene, a hash of its geometry as a rule.
@@ -106,9 +109,11 @@ impl Baker {
         file.0
     }
 
-    /// The bake that [`save`](Self::save) wrote, of the same scene and with the same dials; only [`skip_unaffected`](BakeParams::skip_unaffected) and
-    /// [`order`](BakeParams::order) may differ. The host answers rays in the geometry of [`version`](Self::version), and knows the older ones that
-    /// [`contributions`](Self::contributions) name. Whatever was under way goes on, and ends with the same bits.
+    /// The bake that [`save`](Self::save) wrote, of the same scene and with the same dials; only
+    /// [`skip_unaffected`](BakeParams::skip_unaffected) and [`order`](BakeParams::order) may differ. The host
+    /// answers rays in the geometry of [`version`](Self::version), and knows the older ones that
+    /// [`contributions`](Self::contributions) name. Whatever was under way goes on, and ends with the same
+    /// bits.
     ///
     /// # Errors
     /// Bytes that are no bake of this scene and these dials.

@@ -1,9 +1,11 @@
 //! How often validation comes before balancing.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, Equation 2. Its exponent log 0.5 / log t is 0.3 at the paper's t = 0.1, so it is not the quadratic function that the text
-//! calls it. Φ is the flux of the cluster whose validation comes next. Absolute and differential changes together may exceed it, so their
-//! ratio is kept within 0 to 1. It is a share of the lights that are accumulated, where the paper counts updates: one that balances costs several times as many
-//! lights as one that validates. The least ratio is a parameter, where the paper has one half, since balancing shows less.
+//! Luksch, Wimmer and Schwärzler 2019, Equation 2. Its exponent log 0.5 / log t is 0.3 at the paper's t =
+//! 0.1, so it is not the quadratic function that the text calls it. Φ is the flux of the cluster whose
+//! validation comes next. Absolute and differential changes together may exceed it, so their ratio is kept
+//! within 0 to 1. It is a share of the lights that are accumulated, where the paper counts updates: one that
+//! balances costs several times as many lights as one that validates. The least ratio is a parameter, where
+//! the paper has one half, since balancing shows less.
 
 /// Equation 2: how much of all that is accumulated shall be by validations.
 pub(crate) fn validation_ratio(invalid: f64, flux: f64, interleave_at: f64, least: f64) -> f64 {

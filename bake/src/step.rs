@@ -39,9 +39,11 @@ pub struct Progress {
 }
 
 impl Baker {
-    /// Validates paths, then updates clusters, the largest changes first. `apply` gets each [`Update`] and does it at once, all of it.
+    /// Validates paths, then updates clusters, the largest changes first. `apply` gets each [`Update`] and
+    /// does it at once, all of it.
     ///
-    /// Paths of the very first bake are traced before any cluster is updated; after that both go on side by side.
+    /// Paths of the very first bake are traced before any cluster is updated; after that both go on side by
+    /// side.
     pub fn step(
         &mut self,
         budget: StepBudget,
@@ -80,7 +82,8 @@ impl Baker {
         progress
     }
 
-    /// Steps of a few thousand paths and a few dozen lights until `stop` says so, or nothing is left: for hosts that count time instead.
+    /// Steps of a few thousand paths and a few dozen lights until `stop` says so, or nothing is left: for
+    /// hosts that count time instead.
     pub fn step_until(
         &mut self,
         mut stop: impl FnMut() -> bool,
@@ -99,7 +102,8 @@ impl Baker {
         }
     }
 
-    /// The next update, empty where it changed nothing in the baked light; `None` if all clusters are balanced and up to date.
+    /// The next update, empty where it changed nothing in the baked light; `None` if all clusters are
+    /// balanced and up to date.
     fn next_update(&mut self, trace: &Trace<'_>) -> Option<Update> {
         let validation = self.cut.next_validation(&self.forest);
         let balancing = self.cut.next_balancing(&self.forest);

@@ -1,7 +1,8 @@
-//! What is known of a cluster's light without looking at its members: sums in integers, which forget what is taken out of them to the last bit.
+//! What is known of a cluster's light without looking at its members: sums in integers, which forget what is
+//! taken out of them to the last bit.
 //!
-//! A cluster's place in the balanced cut is a function of these sums. So after any history of edits the cut is the one that a bake from
-//! scratch would have.
+//! A cluster's place in the balanced cut is a function of these sums. So after any history of edits the cut
+//! is the one that a bake from scratch would have.
 
 use core::f64::consts::PI;
 
@@ -22,7 +23,8 @@ pub(crate) struct Units {
 pub(crate) const GRID: u32 = 1 << 20;
 
 impl Units {
-    /// Cell of the finest grid, and whether the point lies outside the world's cube and was put into the nearest cell.
+    /// Cell of the finest grid, and whether the point lies outside the world's cube and was put into the
+    /// nearest cell.
     pub(crate) fn cell(&self, position: DVec3) -> ([u32; 3], bool) {
         let at = ((position - self.origin) / self.length).floor();
         let last = f64::from(GRID - 1);
@@ -30,7 +32,8 @@ impl Units {
         (at.clamp(DVec3::ZERO, DVec3::splat(last)).to_array().map(|x| x as u32), outside)
     }
 
-    /// Scalar flux, the mean of the channels, in units. At most 2⁴⁰ of them, a million paths' power: more than that steers no better.
+    /// Scalar flux, the mean of the channels, in units. At most 2⁴⁰ of them, a million paths' power: more
+    /// than that steers no better.
     pub(crate) fn flux(&self, flux: Vec3) -> i64 {
         let units = f64::from(flux.x + flux.y + flux.z) / 3.0 / self.flux;
         units.clamp(0.0, (1u64 << 40) as f64).round() as i64
@@ -148,8 +151,8 @@ impl Sums {
         (2.0 * variance.max(0.0)).sqrt()
     }
 
-    /// `Φ_Ω` of Equation 4, in units of flux: `flux` times the mean albedo of what it meets, escapes counted as black. Smoothed by one segment of albedo
-    /// 0.5, since what was never sent on says nothing.
+    /// `Φ_Ω` of Equation 4, in units of flux: `flux` times the mean albedo of what it meets, escapes counted
+    /// as black. Smoothed by one segment of albedo 0.5, since what was never sent on says nothing.
     pub(crate) fn visual_contribution(&self, flux: f64) -> f64 {
         let albedo = self.albedo as f64 / f64::from(GRID);
         flux * (albedo + 0.5) / (f64::from(self.scattered) + 1.0)
@@ -164,7 +167,8 @@ impl Sums {
         PI * radius * radius / (mean + radius).powi(2)
     }
 
-    /// `I_max` / Φ of members that are Lambertian, sr⁻¹: 1/π where all face the same way, and a quarter of that where they face every way.
+    /// `I_max` / Φ of members that are Lambertian, sr⁻¹: 1/π where all face the same way, and a quarter of
+    /// that where they face every way.
     pub(crate) fn directionality(&self) -> f64 {
         (0.25 + 0.75 * self.mean_normal().length()) / PI
     }

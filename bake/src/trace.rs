@@ -1,7 +1,9 @@
-//! Light paths: quasi-Monte Carlo, of equal power, each a function of its light's name and its own number, so that one alone can be traced again.
+//! Light paths: quasi-Monte Carlo, of equal power, each a function of its light's name and its own number, so
+//! that one alone can be traced again.
 //!
-//! Luksch, Wimmer and Schwärzler 2019, section 3.3; Keller, "Instant Radiosity", 1997. Numbers are Owen-scrambled Sobol points (Burley 2020), four dimensions a
-//! vertex. Russian roulette goes by the largest channel, so that each path carries the same power as long as it lives.
+//! Luksch, Wimmer and Schwärzler 2019, section 3.3; Keller, "Instant Radiosity", 1997. Numbers are
+//! Owen-scrambled Sobol points (Burley 2020), four dimensions a vertex. Russian roulette goes by the largest
+//! channel, so that each path carries the same power as long as it lives.
 
 use glam::Vec3;
 use lighttree::Ray;
@@ -16,7 +18,8 @@ use crate::paths::{Hit, rounded_power};
 /// A surface that a path meets, as the host sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceHit {
-    /// World-space position, moved off the surface to the side that the ray comes from, as the start of another ray.
+    /// World-space position, moved off the surface to the side that the ray comes from, as the start of
+    /// another ray.
     pub position: Vec3,
     /// Unit normal on that side.
     pub normal: Vec3,
@@ -33,8 +36,8 @@ impl SurfaceHit {
     }
 }
 
-/// Asks the host for the nearest surface on each ray, in the geometry as it is now. Rays start off surfaces, have unit directions and no end. The
-/// answer for a ray must be the same whatever else is asked with it.
+/// Asks the host for the nearest surface on each ray, in the geometry as it is now. Rays start off surfaces,
+/// have unit directions and no end. The answer for a ray must be the same whatever else is asked with it.
 pub type Trace<'a> = dyn Fn(&[Ray], &mut [Option<SurfaceHit>]) + Sync + 'a;
 
 /// Where a path, or what is left of it, starts.
@@ -60,7 +63,8 @@ pub(crate) struct Traced {
     pub(crate) hits: Vec<Hit>,
     /// The last segment met nothing.
     pub(crate) escaped: bool,
-    /// The host's answer was no surface: not finite, no unit normal, or an albedo beyond 1. It counts as an escape.
+    /// The host's answer was no surface: not finite, no unit normal, or an albedo beyond 1. It counts as an
+    /// escape.
     pub(crate) unsound: bool,
 }
 
@@ -93,7 +97,8 @@ impl PathRules {
         light.flux * (area * weight / light.paths as f32)
     }
 
-    /// The ray that leaves a vertex, and what it carries; `None` where roulette or the number of bounces ends the path.
+    /// The ray that leaves a vertex, and what it carries; `None` where roulette or the number of bounces ends
+    /// the path.
     pub(crate) fn scatter(&self, job: &Job<'_>, number: u32, hit: &Hit, power: f32) -> Option<(Ray, Vec3)> {
         if number + 1 >= self.bounces {
             return None;

@@ -2,7 +2,8 @@
 
 use crate::VirtualLight;
 
-/// One state of the geometry: which objects there are and where. Counts up with every edit that moves, adds or removes an object.
+/// One state of the geometry: which objects there are and where. Counts up with every edit that moves, adds
+/// or removes an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(transparent)]
 pub struct GeometryVersion(pub u32);
@@ -25,7 +26,8 @@ impl Contribution {
 
 /// Contributions that leave the baked light and others that take their place, one unit for whoever reads it.
 ///
-/// Every contribution in `subtract` was in `add` of an earlier update, as the same record, and in no `subtract` since.
+/// Every contribution in `subtract` was in `add` of an earlier update, as the same record, and in no
+/// `subtract` since.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Update {
     /// What leaves.
@@ -63,8 +65,8 @@ impl Update {
     }
 }
 
-/// A light that comes, goes, or is replaced by one of the same shape and seed: then its points, and so its shadow rays, are the same ones, and only its flux
-/// or the geometry around it differs.
+/// A light that comes, goes, or is replaced by one of the same shape and seed: then its points, and so its
+/// shadow rays, are the same ones, and only its flux or the geometry around it differs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pass<'a> {
     /// What leaves.

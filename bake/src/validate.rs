@@ -1,7 +1,8 @@
 //! Which part of a path an edit may have changed.
 //!
-//! A segment that crosses no box of what changed, before or after, and neither starts nor ends on it, meets what it met: so most paths need no ray to be
-//! valid. Boxes are widened by rounding, so this errs only towards tracing.
+//! A segment that crosses no box of what changed, before or after, and neither starts nor ends on it, meets
+//! what it met: so most paths need no ray to be valid. Boxes are widened by rounding, so this errs only
+//! towards tracing.
 
 use glam::{DVec3, Vec3};
 

@@ -9,10 +9,11 @@ use crate::{Polygon, Profile};
 pub struct VirtualLight {
     /// Where it shines from.
     pub shape: Shape,
-    /// Radiant flux, W per channel. Of [`Shape::Sky`]: irradiance on a plane that faces it, W·m⁻² per channel.
+    /// Radiant flux, W per channel. Of [`Shape::Sky`]: irradiance on a plane that faces it, W·m⁻² per
+    /// channel.
     pub flux: Vec3,
-    /// Key of the jitter of shadow rays: a function of what the light stands for, so that the same light has the same one again. Hash it with the
-    /// receiver's index.
+    /// Key of the jitter of shadow rays: a function of what the light stands for, so that the same light has
+    /// the same one again. Hash it with the receiver's index.
     pub seed: u32,
 }
 
@@ -28,8 +29,8 @@ pub enum Shape {
         /// Turns the profile's frame into the world's.
         frame: Quat,
     },
-    /// A part of a sphere's surface with the same radiance everywhere: strata of the disk that a receiver sees, so that all parts together are the sphere, and each
-    /// has the same irradiance.
+    /// A part of a sphere's surface with the same radiance everywhere: strata of the disk that a receiver
+    /// sees, so that all parts together are the sphere, and each has the same irradiance.
     Sphere {
         /// Centre.
         center: Vec3,
@@ -38,8 +39,9 @@ pub enum Shape {
         /// Which part, and of how many: a power of two.
         part: [u32; 2],
     },
-    /// A cluster of light that surfaces send on: a Lambertian disk around a point. A receiver sees intensity × cosine ÷ (distance² + radius²), as on the axis of a
-    /// disk; shadow rays go to its centre, which lies on a surface where the rest of the disk may not (Prutkin et al. 2012).
+    /// A cluster of light that surfaces send on: a Lambertian disk around a point. A receiver sees intensity
+    /// × cosine ÷ (distance² + radius²), as on the axis of a disk; shadow rays go to its centre, which lies
+    /// on a surface where the rest of the disk may not (Prutkin et al. 2012).
     Disk {
         /// Centre, just off a surface.
         position: Vec3,
@@ -50,8 +52,9 @@ pub enum Shape {
     },
     /// A flat piece of lamp with the same radiance everywhere, on the side of its normal.
     Polygon(Polygon),
-    /// A cluster of light that a flat surface sends on. It shines as the polygon does; shadow rays go to some of the places where light met the surface, so that
-    /// nothing is seen of it from where none of these is, though its outline is a rough one.
+    /// A cluster of light that a flat surface sends on. It shines as the polygon does; shadow rays go to some
+    /// of the places where light met the surface, so that nothing is seen of it from where none of these is,
+    /// though its outline is a rough one.
     Patch {
         /// Outline, just off the surface.
         polygon: Polygon,

@@ -14,7 +14,8 @@ fn cosine(normal: Vec3, random: &mut Random) -> Vec3 {
     (u.sqrt() * (phi.cos() * a + phi.sin() * b) + (1.0 - u).sqrt() * normal).normalize()
 }
 
-/// Irradiance at a point by paths, their next events drawn from `light`, which has no surface of its own; `bounces` of indirect light.
+/// Irradiance at a point by paths, their next events drawn from `light`, which has no surface of its own;
+/// `bounces` of indirect light.
 fn path_traced(world: &World, light: &VirtualLight, at: (Vec3, Vec3), bounces: u32, paths: u32) -> f64 {
     let mut random = Random::new(11, at.0.x.to_bits(), at.0.z.to_bits());
     let mut sum = 0.0;
@@ -57,7 +58,8 @@ fn yard() -> World {
     World::new(vec![floor, pillar(-3.0, -3.0), pillar(2.0, -2.5), pillar(-2.5, 2.0), pillar(2.5, 2.5)])
 }
 
-/// Mean irradiance over the floor, within 0.5 % of path tracing; and no point far off. A hundredth lost at each bounce would be seen.
+/// Mean irradiance over the floor, within 0.5 % of path tracing; and no point far off. A hundredth lost at
+/// each bounce would be seen.
 #[test]
 fn irradiance_is_that_of_paths() {
     for (name, world, bounces, clusters) in [

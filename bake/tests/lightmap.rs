@@ -62,7 +62,8 @@ fn irradiance_is_what_it_should_be() {
     assert_eq!(map.counts(), bake::lightmap::FixedPointCounts::default());
 }
 
-/// Hundreds of random adds, then the same taken away in another order, leave every bit as it was: for one thread and for two.
+/// Hundreds of random adds, then the same taken away in another order, leave every bit as it was: for one
+/// thread and for two.
 #[test]
 fn undo_is_exact_for_any_order_and_threads() {
     let meshes = room();
@@ -97,7 +98,8 @@ fn undo_is_exact_for_any_order_and_threads() {
     assert_eq!(ends[0], ends[1], "threads change no bit");
 }
 
-/// 10⁵ lights of eight decades come and go in another order: not a bit is left of them, for one thread and for two.
+/// 10⁵ lights of eight decades come and go in another order: not a bit is left of them, for one thread and
+/// for two.
 #[test]
 fn a_hundred_thousand_lights_leave_no_trace() {
     let floor = [Mesh::default().quad(Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0)];
@@ -157,7 +159,8 @@ fn moving_away_and_back_is_exact() {
     assert!(map.sums().all(|sum| sum == 0));
 }
 
-/// A light in the place of another goes through the texels once, and leaves the bits that subtracting and adding leave: dimmed or not, with a block moved in between or not.
+/// A light in the place of another goes through the texels once, and leaves the bits that subtracting and
+/// adding leave: dimmed or not, with a block moved in between or not.
 #[test]
 fn one_pass_leaves_the_bits_of_two() {
     let meshes = room();
@@ -300,7 +303,8 @@ fn a_thin_wall_does_not_leak() {
     assert!(image.values.iter().any(|&v| v > 1e4), "the lit room is lit");
 }
 
-/// A crate stands on a floor. No texel of the floor beside it is darkened because its middle is under the crate: all that is dark lies deep under it.
+/// A crate stands on a floor. No texel of the floor beside it is darkened because its middle is under the
+/// crate: all that is dark lies deep under it.
 #[test]
 fn texels_are_pushed_out_of_what_stands_on_them() {
     let floor = Mesh::default().quad(Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
@@ -375,7 +379,8 @@ fn the_seam_of_a_cylinder_is_not_to_be_seen() {
     assert!(moved < 0.2 * brightest, "{moved} of {brightest}");
 }
 
-/// Irradiance out of four coefficients is that of the map without them where light comes along the normal, and each texel costs what is stated.
+/// Irradiance out of four coefficients is that of the map without them where light comes along the normal,
+/// and each texel costs what is stated.
 #[test]
 fn directional_maps_agree_with_irradiance() {
     let floor = || [Mesh::default().quad(Vec3::ZERO, Vec3::Z, Vec3::X)];

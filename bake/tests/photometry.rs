@@ -37,7 +37,8 @@ fn a_downlight_shines_down() {
     let table = &luminaire.table;
     assert_eq!((table.peak(), table.intensity(Vec3::NEG_Z), table.intensity(Vec3::Z)), (100.0, 100.0, 0.0));
     assert!((table.intensity(Vec3::new(1.0, 0.0, -1.0).normalize()) - 50.0).abs() < 1e-3);
-    // Multipliers and ballast are in the intensities, feet in the size; lumens of -1 mean absolute photometry.
+    // Multipliers and ballast are in the intensities, feet in the size; lumens of -1 mean absolute
+    // photometry.
     let scaled = with("1000 1.0", "-1 2.0").unwrap();
     assert_eq!((scaled.table.peak(), scaled.lamp_flux), (200.0, None));
     assert_eq!(with("1.0 1.0 12", "0.5 1.0 12").unwrap().table.peak(), 50.0);

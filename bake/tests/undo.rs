@@ -157,8 +157,9 @@ fn paths_that_are_skipped_are_valid() {
     }
 }
 
-/// Bytes for each path vertex, paths, cells and lamps included: where half of the light that a surface meets goes on, from one lamp and from 40 with a tree each, and
-/// where each path leaves one vertex and its own 8 bytes weigh most.
+/// Bytes for each path vertex, paths, cells and lamps included: where half of the light that a surface meets
+/// goes on, from one lamp and from 40 with a tree each, and where each path leaves one vertex and its own 8
+/// bytes weigh most.
 #[test]
 fn a_path_vertex_costs_what_is_stated() {
     let world = room();

@@ -1,7 +1,8 @@
 //! k-means with an angle for a metric: virtual lights that face the same way.
 //!
-//! Luksch, Wimmer and Schwärzler, "Incrementally Baked Global Illumination", 2019, section 4: what no plane takes is clustered by orientation. First
-//! centres: the point farthest from the mean, then always the one farthest from all centres so far.
+//! Luksch, Wimmer and Schwärzler, "Incrementally Baked Global Illumination", 2019, section 4: what no plane
+//! takes is clustered by orientation. First centres: the point farthest from the mean, then always the one
+//! farthest from all centres so far.
 
 use glam::{DVec3, Vec3};
 
@@ -20,13 +21,15 @@ pub struct AngularClusters {
     pub rounds: u32,
 }
 
-/// Puts unit `directions` into at most `count` clusters by angle; fewer where there are fewer different directions, to 1e-3 radians. Weights (flux, as a
-/// rule) pull the axes; a direction of weight 0 is put somewhere, too. No direction or `count` 0: no clusters, if there are no directions.
+/// Puts unit `directions` into at most `count` clusters by angle; fewer where there are fewer different
+/// directions, to 1e-3 radians. Weights (flux, as a rule) pull the axes; a direction of weight 0 is put
+/// somewhere, too. No direction or `count` 0: no clusters, if there are no directions.
 ///
 /// Runs on the caller's thread: a cell of an octree has few directions, and there are many cells.
 ///
 /// # Errors
-/// The first direction that is not of unit length, or weight that is not a number from 0 on; directions without any cluster.
+/// The first direction that is not of unit length, or weight that is not a number from 0 on; directions
+/// without any cluster.
 ///
 /// # Panics
 /// If the slices differ in length.
@@ -104,7 +107,8 @@ fn farthest_first(directions: &[Vec3], weights: &[f32], count: u32) -> Vec<Vec3>
 /// Directions nearer than this are one, in radians.
 const SAME: f32 = 1e-3;
 
-/// The axis at the smallest angle, ties to the first. A chord grows with its angle, and keeps small ones apart where a cosine does not.
+/// The axis at the smallest angle, ties to the first. A chord grows with its angle, and keeps small ones
+/// apart where a cosine does not.
 fn nearest(axes: &[Vec3], direction: Vec3) -> u32 {
     let distances = (0..).zip(axes).map(|(k, axis)| (axis.distance_squared(direction), k));
     distances.fold((f32::INFINITY, 0), |best, next| if next.0 < best.0 { next } else { best }).1

@@ -1,7 +1,8 @@
 //! Whole numbers in proportion to weights.
 
-/// Shares `total` out in proportion to `weights`, none above its `cap`, by largest remainders (ties: the first). Where all that can
-/// still take something weigh nothing, in proportion to the caps. The parts sum up to `total`, which must not be above the sum of the caps.
+/// Shares `total` out in proportion to `weights`, none above its `cap`, by largest remainders (ties: the
+/// first). Where all that can still take something weigh nothing, in proportion to the caps. The parts sum up
+/// to `total`, which must not be above the sum of the caps.
 pub(crate) fn share<const N: usize>(total: u32, weights: [f64; N], caps: [u32; N]) -> [u32; N] {
     debug_assert!(caps.iter().map(|&c| u64::from(c)).sum::<u64>() >= u64::from(total), "caps leave room");
     let mut parts = [0; N];

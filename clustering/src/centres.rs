@@ -9,7 +9,8 @@ use crate::{Metric, OrientedPoint};
 /// Two sides of one inequality, each rounded a few times.
 const SLACK: f32 = 1.0 + 1e-5;
 
-/// Centres that can be searched. The tree is in the metric's six dimensions, where Euclid's distance is from ε/√2 to ε.
+/// Centres that can be searched. The tree is in the metric's six dimensions, where Euclid's distance is from
+/// ε/√2 to ε.
 pub(crate) struct Centres<'a> {
     metric: &'a Metric,
     centres: &'a [OrientedPoint],
@@ -29,7 +30,8 @@ impl<'a> Centres<'a> {
         self.tree.query(&self.metric.embed(point)).nearest_one::<SquaredEuclidean<f32>>().execute().item
     }
 
-    /// The nearest centre, ties to the first, and its error. The search widens until no centre outside it can be nearer.
+    /// The nearest centre, ties to the first, and its error. The search widens until no centre outside it can
+    /// be nearer.
     pub(crate) fn nearest(&self, point: &OrientedPoint) -> (u32, f32) {
         let embedded = self.metric.embed(point);
         let mut wanted = 4;
@@ -76,8 +78,8 @@ pub(crate) struct Fit {
 
 /// Puts every point to its nearest centre, ties to the first, given a guess in `fits`.
 ///
-/// A centre that is farther from the point's own than twice the point's error cannot be nearer; so neighbours are looked at nearest first, and few of
-/// them.
+/// A centre that is farther from the point's own than twice the point's error cannot be nearer; so neighbours
+/// are looked at nearest first, and few of them.
 pub(crate) fn assign(points: &[OrientedPoint], metric: &Metric, centres: &[OrientedPoint], fits: &mut [Fit]) {
     // How far each point's guess is off.
     parallel::for_each(

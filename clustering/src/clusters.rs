@@ -114,7 +114,8 @@ impl Clusters {
         self.members(k).iter().map(|&i| self.errors[i as usize]).fold(0.0, f32::max)
     }
 
-    /// Points that fit their cluster worse than `limit`: thin things that have no cluster of their own, and would need one.
+    /// Points that fit their cluster worse than `limit`: thin things that have no cluster of their own, and
+    /// would need one.
     pub fn needs_more(&self, limit: f32) -> impl Iterator<Item = u32> + '_ {
         (0..).zip(&self.errors).filter_map(move |(i, &error)| (error > limit).then_some(i))
     }

@@ -1,8 +1,9 @@
 //! The next frame: old centres stay where they are, as far as they still have points.
 //!
-//! Wang et al. 2009, section 3.2, "Temporal Coherence". A point stays with an old cluster if it fits no worse than that cluster's worst member did;
-//! the others are clustered anew. Differs from the paper, which leaves the numbers open: the total stays exactly the count that is asked for, new
-//! clusters get at least the share of the points that nobody claims, and the smallest old ones make room.
+//! Wang et al. 2009, section 3.2, "Temporal Coherence". A point stays with an old cluster if it fits no worse
+//! than that cluster's worst member did; the others are clustered anew. Differs from the paper, which leaves
+//! the numbers open: the total stays exactly the count that is asked for, new clusters get at least the share
+//! of the points that nobody claims, and the smallest old ones make room.
 
 use lighttree::parallel;
 
@@ -14,10 +15,11 @@ use crate::{ClusterError, ClusterParams, Clusters, Metric, OrientedPoint, Seedin
 const NOBODY: u32 = u32::MAX;
 
 impl Clusters {
-    /// Clusters of the next frame's `points`, as many as [`cluster`] would make. Centres that stay are the very same: nothing flickers there as
-    /// long as the points around them are.
+    /// Clusters of the next frame's `points`, as many as [`cluster`] would make. Centres that stay are the
+    /// very same: nothing flickers there as long as the points around them are.
     ///
-    /// Returns how many of the old centres stayed. Those that still have points come first, in their old order.
+    /// Returns how many of the old centres stayed. Those that still have points come first, in their old
+    /// order.
     ///
     /// # Errors
     /// As [`cluster`].
@@ -49,7 +51,8 @@ impl Clusters {
             },
         );
 
-        // Keep what has members; the smallest make room for as many new clusters as the unclaimed points are worth.
+        // Keep what has members; the smallest make room for as many new clusters as the unclaimed points are
+        // worth.
         let mut sizes = vec![0usize; self.len()];
         for fit in fits.iter().filter(|fit| fit.cluster != NOBODY) {
             sizes[fit.cluster as usize] += 1;

@@ -14,7 +14,8 @@ use crate::{ClusterError, Clusters, Metric, OrientedPoint, Round, Seeding, metri
 pub struct ClusterParams {
     /// Clusters wanted; as many as there are points where those are fewer. 1000 to 6000 in the paper.
     pub count: u32,
-    /// Most rounds of k-means; 0 leaves every point with its nearest seed. Later rounds bring little: see `docs/photoncut.md`.
+    /// Most rounds of k-means; 0 leaves every point with its nearest seed. Later rounds bring little: see
+    /// `docs/photoncut.md`.
     pub max_rounds: u32,
     /// A round that moves no more than this share of the points is the last. In [0, 1].
     pub settled: f32,
@@ -32,7 +33,8 @@ impl ClusterParams {
 /// Partitions `points`: exactly `min(count, points)` clusters, none empty. No points: no clusters.
 ///
 /// # Errors
-/// The first point that has no place or no normal; pixels that do not fit the points; a count of 0 for points that are there.
+/// The first point that has no place or no normal; pixels that do not fit the points; a count of 0 for points
+/// that are there.
 pub fn cluster(
     points: &[OrientedPoint],
     seeding: Seeding<'_>,
@@ -104,7 +106,8 @@ fn move_to_means(points: &[OrientedPoint], centres: &mut [OrientedPoint], fits: 
     );
 }
 
-/// Gives every cluster without members the point that fits its own worst (ties: the first), out of those that are not alone. Returns how many there were.
+/// Gives every cluster without members the point that fits its own worst (ties: the first), out of those that
+/// are not alone. Returns how many there were.
 fn fill_empty(points: &[OrientedPoint], centres: &mut [OrientedPoint], fits: &mut [Fit]) -> u32 {
     let mut sizes = vec![0u32; centres.len()];
     for fit in fits.iter() {

@@ -1,20 +1,25 @@
-//! Clusters of points with normals: few representatives for many shading points, chosen where lighting changes fast.
+//! Clusters of points with normals: few representatives for many shading points, chosen where lighting
+//! changes fast.
 //!
-//! Wang, Wang, Zhou, Pan and Bao, "An Efficient GPU-based Approach for Interactive Global Illumination", 2009, section 3.2. Points are
-//! seeded in proportion to how much geometry varies ([`Seeding`]), and clusters refined by k-means under a metric of distance and normals
-//! ([`Metric`]). The member nearest to a cluster's centre speaks for it: there a host gathers light, and interpolates elsewhere.
+//! Wang, Wang, Zhou, Pan and Bao, "An Efficient GPU-based Approach for Interactive Global Illumination",
+//! 2009, section 3.2. Points are seeded in proportion to how much geometry varies ([`Seeding`]), and clusters
+//! refined by k-means under a metric of distance and normals ([`Metric`]). The member nearest to a cluster's
+//! centre speaks for it: there a host gathers light, and interpolates elsewhere.
 //!
-//! The same k-means with an angle for a metric groups virtual lights: [`angular_clusters`], as of Luksch, Wimmer and Schwärzler, "Incrementally
-//! Baked Global Illumination", 2019.
+//! The same k-means with an angle for a metric groups virtual lights: [`angular_clusters`], as of Luksch,
+//! Wimmer and Schwärzler, "Incrementally Baked Global Illumination", 2019.
 //!
 //! Differs from the first paper:
 //! - the metric's α counts distances in scene radii, so that a scene's unit does not matter;
-//! - a node of the quadtree shares out its seeds exactly, by largest remainders, and never more than it has points;
+//! - a node of the quadtree shares out its seeds exactly, by largest remainders, and never more than it has
+//!   points;
 //! - points that no screen orders are seeded by an octree;
-//! - a search for the nearest centre is exact: the k-d tree of centres gives each centre its neighbours once a round, and the triangle inequality
-//!   says how many of them a point has to look at (Phillips, "Acceleration of k-Means and Related Clustering Algorithms", 2002, "sort-means");
+//! - a search for the nearest centre is exact: the k-d tree of centres gives each centre its neighbours once
+//!   a round, and the triangle inequality says how many of them a point has to look at (Phillips,
+//!   "Acceleration of k-Means and Related Clustering Algorithms", 2002, "sort-means");
 //! - a cluster that loses all its members starts anew at the point that is worst off;
-//! - the metric is no squared distance, so a round need not be better than the one before: rounds are few, and each says what it reached.
+//! - the metric is no squared distance, so a round need not be better than the one before: rounds are few,
+//!   and each says what it reached.
 //!
 //! The same input gives the same bits, for any number of threads and without feature `parallel`.
 //!

@@ -13,11 +13,11 @@ pub struct OrientedPoint {
     pub normal: Vec3,
 }
 
-/// Wang et al. 2009, equation 2: ε = α |xᵢ - xₖ| + √(2 - 2 nᵢ·nₖ), with distances in radii of the scene. Dimensionless; from 0 for the same
-/// point to α · diameter + 2.
+/// Wang et al. 2009, equation 2: ε = α |xᵢ - xₖ| + √(2 - 2 nᵢ·nₖ), with distances in radii of the scene.
+/// Dimensionless; from 0 for the same point to α · diameter + 2.
 ///
-/// √(2 - 2 n·n) is |nᵢ - nₖ| for unit vectors, and is computed as that: there is no difference of near numbers. So ε is the sum of two
-/// distances, and itself one: the triangle inequality holds.
+/// √(2 - 2 n·n) is |nᵢ - nₖ| for unit vectors, and is computed as that: there is no difference of near
+/// numbers. So ε is the sum of two distances, and itself one: the triangle inequality holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Metric {
     /// α ÷ the scene's radius, per length unit.
@@ -25,9 +25,10 @@ pub struct Metric {
 }
 
 impl Metric {
-    /// `alpha` weighs places against normals, dimensionless; the paper's range is 0.1 to 0.5. `scene_radius` is that of a sphere around
-    /// the scene, in its length unit. Distances are taken in f32, and their squares have to be normal numbers: with positions beyond 1e18, or in
-    /// a scene smaller than 1e-18, places are not told apart.
+    /// `alpha` weighs places against normals, dimensionless; the paper's range is 0.1 to 0.5. `scene_radius`
+    /// is that of a sphere around the scene, in its length unit. Distances are taken in f32, and their
+    /// squares have to be normal numbers: with positions beyond 1e18, or in a scene smaller than 1e-18,
+    /// places are not told apart.
     ///
     /// # Errors
     /// [`BadAlpha`](ClusterError::BadAlpha), [`BadRadius`](ClusterError::BadRadius).

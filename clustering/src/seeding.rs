@@ -1,7 +1,8 @@
 //! Seeds where geometry varies, by a quadtree of the screen or an octree of space.
 //!
-//! Wang et al. 2009, section 3.2, "Adaptive Seeding of Sample Points". A node's variation is the sum of its members' errors against its own mean; seeds
-//! are passed down in proportion. Both trees are ranges of one order along a Morton curve, so no node is ever stored.
+//! Wang et al. 2009, section 3.2, "Adaptive Seeding of Sample Points". A node's variation is the sum of its
+//! members' errors against its own mean; seeds are passed down in proportion. Both trees are ranges of one
+//! order along a Morton curve, so no node is ever stored.
 
 use core::ops::Range;
 
@@ -14,7 +15,8 @@ use crate::{ClusterError, Metric, OrientedPoint, budget, metric};
 /// What tells which points are neighbours before there are clusters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seeding<'a> {
-    /// Their pixels, row by row; any number of points to a pixel. As in the paper: what is small on the screen gets few seeds.
+    /// Their pixels, row by row; any number of points to a pixel. As in the paper: what is small on the
+    /// screen gets few seeds.
     Screen {
         /// Of the screen, in pixels, from 1 to 65,536.
         width: u32,
@@ -64,12 +66,14 @@ impl Seeding<'_> {
         seeds
     }
 
-    /// `count` of the points, or all where those are fewer, all different, in the order of the curve: where `weights` are large, one weight for each point. The
-    /// tree that spreads seeds by what geometry says spreads them here by what is known better, say by how badly interpolated light may be; a node that gets one
-    /// seed gives it to the point that weighs most.
+    /// `count` of the points, or all where those are fewer, all different, in the order of the curve: where
+    /// `weights` are large, one weight for each point. The tree that spreads seeds by what geometry says
+    /// spreads them here by what is known better, say by how badly interpolated light may be; a node that
+    /// gets one seed gives it to the point that weighs most.
     ///
     /// # Errors
-    /// Pixels or weights that are not as many as the points, a screen that is none; the first weight that is negative, NaN or infinite.
+    /// Pixels or weights that are not as many as the points, a screen that is none; the first weight that is
+    /// negative, NaN or infinite.
     pub fn weighted(
         &self,
         points: &[OrientedPoint],
@@ -203,7 +207,8 @@ impl RangeTree<'_> {
         members().map(|point| f64::from(metric.between(point, &mean))).sum()
     }
 
-    /// One point of each of `count` equal parts of the order: at random, or the one that weighs most (ties: the first).
+    /// One point of each of `count` equal parts of the order: at random, or the one that weighs most (ties:
+    /// the first).
     fn pick(&self, node: Range<usize>, count: u32, seeds: &mut Vec<u32>) {
         let mut random = Random::new(self.seed, node.start as u32, node.end as u32);
         let (length, count) = (node.len() as u64, u64::from(count));

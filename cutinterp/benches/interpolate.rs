@@ -1,5 +1,6 @@
-//! What does it cost to interpolate cuts of 600 nodes, per receiver: laying three of them over one another, once for receivers that share
-//! them, and going through the result with the weights of one; against the streaming mode, which does both at once and reads levels only.
+//! What does it cost to interpolate cuts of 600 nodes, per receiver: laying three of them over one another,
+//! once for receivers that share them, and going through the result with the weights of one; against the
+//! streaming mode, which does both at once and reads levels only.
 
 use std::hint::black_box;
 

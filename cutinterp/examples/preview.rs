@@ -1,5 +1,6 @@
-//! A preview in another renderer: its own rays, material and lamps, exact lightcuts at some hundred places, and everywhere else the cuts between them. Checks
-//! its light against every lamp. Exact cuts are the crate `lightcut`'s here; any others will do.
+//! A preview in another renderer: its own rays, material and lamps, exact lightcuts at some hundred places,
+//! and everywhere else the cuts between them. Checks its light against every lamp. Exact cuts are the crate
+//! `lightcut`'s here; any others will do.
 
 use core::f32::consts::{FRAC_1_PI, TAU};
 
@@ -124,7 +125,8 @@ fn main() -> Result<(), Box<dyn core::error::Error>> {
     let canopy = records.settle(&tree, &levels);
 
     // Interpolate everywhere else.
-    // Shadow rays for all nodes; `Visibility::Adaptive` asks for some, and `Interpolated`, for flat and finely covered things, for none.
+    // Shadow rays for all nodes; `Visibility::Adaptive` asks for some, and `Interpolated`, for flat and
+    // finely covered things, for none.
     let visibility = Visibility::Full;
     let (mut cache, mut chosen) = (MergeCache::<()>::new(64), Vec::new());
     let (mut rays, mut without, mut squares, mut all) = (0, 0, 0.0, 0.0);

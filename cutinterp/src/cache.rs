@@ -2,10 +2,12 @@
 
 use crate::MergedCuts;
 
-/// Remembers the merged cuts of the last sets of records, with what a host computed for them: neighbouring receivers share them.
+/// Remembers the merged cuts of the last sets of records, with what a host computed for them: neighbouring
+/// receivers share them.
 ///
-/// One for each thread. It says only what need not be done again and never changes a result. Slots are found by the records'
-/// ids and overwritten by what comes later; their memory is kept, so that nothing is allocated once all have grown.
+/// One for each thread. It says only what need not be done again and never changes a result. Slots are found
+/// by the records' ids and overwritten by what comes later; their memory is kept, so that nothing is
+/// allocated once all have grown.
 ///
 /// Memory: the merged cuts of as many sets as there are slots, see [`MergedCuts`].
 #[derive(Debug)]
@@ -30,7 +32,8 @@ impl<H: Default> MergeCache<H> {
         Self { slots, misses: 0 }
     }
 
-    /// The merged cuts of these records, at most three, in this order; `fill` makes them if they are not there.
+    /// The merged cuts of these records, at most three, in this order; `fill` makes them if they are not
+    /// there.
     ///
     /// # Panics
     /// With no record, or more than three.

@@ -1,8 +1,9 @@
 //! The part of a tree that a set of cuts reaches, laid out to be walked again and again.
 //!
-//! A light tree of a million lights is some hundred megabytes; the cuts of all records of a view reach a few percent of its nodes. Merging
-//! cuts out of the whole tree waits for memory at nearly every node. Here the nodes on and above those cuts lie side by side, in the
-//! order in which walks meet them, with what merging asks of a node.
+//! A light tree of a million lights is some hundred megabytes; the cuts of all records of a view reach a few
+//! percent of its nodes. Merging cuts out of the whole tree waits for memory at nearly every node. Here the
+//! nodes on and above those cuts lie side by side, in the order in which walks meet them, with what merging
+//! asks of a node.
 
 use core::ops::Range;
 
@@ -10,8 +11,8 @@ use lighttree::{LightHierarchy, NodeId};
 
 use crate::{Level, Levels};
 
-/// All nodes of a tree that are on or above at least one of some cuts, by numbers of its own: from 0, the root, parents before children,
-/// siblings adjacent, left to right.
+/// All nodes of a tree that are on or above at least one of some cuts, by numbers of its own: from 0, the
+/// root, parents before children, siblings adjacent, left to right.
 ///
 /// Memory: 28 bytes a node.
 #[derive(Clone, Debug, Default)]
@@ -42,8 +43,8 @@ impl Canopy {
         let Some(root) = tree.root() else { return Self::default() };
         let all = tree.items(root);
 
-        // A cut goes below a node exactly where it has one of a higher level that begins at the same light: those that begin there
-        // are on one path.
+        // A cut goes below a node exactly where it has one of a higher level that begins at the same light:
+        // those that begin there are on one path.
         let level = |node: NodeId| levels.at(tree.node_index(node)).level;
         let slot = |node: NodeId| (tree.items(node).start - all.start) as usize;
         let mut highest = vec![0.0f32; all.len()];
@@ -77,7 +78,8 @@ impl Canopy {
         self.ids.push(node);
     }
 
-    /// Renames the nodes of a cut, which must be one of those that it was made over, or above it everywhere: from the tree's names to its own.
+    /// Renames the nodes of a cut, which must be one of those that it was made over, or above it everywhere:
+    /// from the tree's names to its own.
     ///
     /// # Panics
     /// If `cut` is not such a cut.

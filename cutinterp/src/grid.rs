@@ -2,8 +2,8 @@
 
 /// For every cell of an image the ids of the records that may reach into it, ascending.
 ///
-/// The image is that of a screen, or an atlas of texels; all it has to be is continuous, so that points near one another in space and in
-/// direction are within the reach of one another in the image.
+/// The image is that of a screen, or an atlas of texels; all it has to be is continuous, so that points near
+/// one another in space and in direction are within the reach of one another in the image.
 ///
 /// Memory: 4 bytes a cell and 4 bytes a record and cell that it reaches.
 #[derive(Clone, Debug, Default)]

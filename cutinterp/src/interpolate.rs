@@ -1,22 +1,26 @@
 //! The canonical interpolation of cuts: top down, for any tree and any number of inputs.
 //!
-//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 3.3. The paper defines the level of an output node as the mean of the
-//! inputs' levels over the leaves that it covers. Taken literally that is circular: what a node covers depends on its level. Here it
-//! is read from the root: a node is emitted when the mean over its own leaves says that the cut should be no further down,
-//! otherwise its children are asked.
+//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 3.3. The paper defines the level of an
+//! output node as the mean of the inputs' levels over the leaves that it covers. Taken literally that is
+//! circular: what a node covers depends on its level. Here it is read from the root: a node is emitted when
+//! the mean over its own leaves says that the cut should be no further down, otherwise its children are
+//! asked.
 //!
 //! What follows, for weights that are not negative:
 //! - the output is a valid cut, because each path from the root stops exactly once;
 //! - where all inputs agree, so does the output; weight on one input alone gives that input;
-//! - the output is nowhere coarser than the coarsest input and nowhere finer than the finest. A node above every input has inputs
-//!   at or below its children only, so each input by itself says "go on"; a node at or below every input, "stop";
+//! - the output is nowhere coarser than the coarsest input and nowhere finer than the finest. A node above
+//!   every input has inputs at or below its children only, so each input by itself says "go on"; a node at or
+//!   below every input, "stop";
 //! - mirroring the tree mirrors the output.
 //!
-//! Differs from the paper's Listings 1 and 2, beside that, in their mistakes, which [`Streaming`](crate::Streaming) names.
+//! Differs from the paper's Listings 1 and 2, beside that, in their mistakes, which
+//! [`Streaming`](crate::Streaming) names.
 //!
-//! Neighbouring receivers have the same inputs and other weights. So the work is in two parts: [`MergedCuts::merge`] walks the inputs
-//! once and keeps, for every node between the coarsest and the finest of them, the inputs' mean levels and visibilities; and
-//! [`MergedCuts::select`] goes through that list with the weights of one receiver, three or four nanoseconds a node.
+//! Neighbouring receivers have the same inputs and other weights. So the work is in two parts:
+//! [`MergedCuts::merge`] walks the inputs once and keeps, for every node between the coarsest and the finest
+//! of them, the inputs' mean levels and visibilities; and [`MergedCuts::select`] goes through that list with
+//! the weights of one receiver, three or four nanoseconds a node.
 
 use core::ops::Range;
 
@@ -30,8 +34,8 @@ use crate::{Canopy, Level, Levels};
 pub struct InputCut<'a> {
     /// Its nodes, left to right: a valid cut of the tree.
     pub nodes: &'a [NodeId],
-    /// Whether the light that speaks for each node is seen: node `i` is bit `i % 32` of word `i / 32`. May be empty where visibility
-    /// is not interpolated; then all are seen.
+    /// Whether the light that speaks for each node is seen: node `i` is bit `i % 32` of word `i / 32`. May be
+    /// empty where visibility is not interpolated; then all are seen.
     pub visible: &'a [u32],
 }
 
@@ -61,8 +65,8 @@ pub enum Hidden {
 
 /// Several cuts of one tree laid over one another, ready to be interpolated with any weights.
 ///
-/// Memory: 16 bytes a node and 8 more for each input; beside that some 40, and 96 for each four inputs, for each node of the largest subtree
-/// on which the inputs differ. Kept from merge to merge.
+/// Memory: 16 bytes a node and 8 more for each input; beside that some 40, and 96 for each four inputs, for
+/// each node of the largest subtree on which the inputs differ. Kept from merge to merge.
 #[derive(Debug, Default)]
 pub struct MergedCuts {
     /// All nodes from the coarsest of the inputs to the finest, parents before children, left to right.
@@ -124,7 +128,8 @@ impl Agreed {
         }
     }
 
-    /// The mean visibility: exact where the inputs agree, although their weights sum to one only but for rounding.
+    /// The mean visibility: exact where the inputs agree, although their weights sum to one only but for
+    /// rounding.
     #[inline(always)]
     fn visibility(self, mean: f32) -> f32 {
         // What none sees comes out as 0 by itself.
@@ -166,8 +171,8 @@ impl Topology for Canopy {
     }
 }
 
-/// What merging needs in passing. Inputs go in blocks of four; the last block is filled up with the first input, which changes no mean, no
-/// agreement and no difference.
+/// What merging needs in passing. Inputs go in blocks of four; the last block is filled up with the first
+/// input, which changes no mean, no agreement and no difference.
 #[derive(Debug, Default)]
 struct Walk {
     /// Next node of each input.
@@ -217,7 +222,8 @@ struct Sums {
 }
 
 impl MergedCuts {
-    /// Lays `inputs` over one another. `levels` are those of `tree`. Linear in the nodes between the coarsest and the finest.
+    /// Lays `inputs` over one another. `levels` are those of `tree`. Linear in the nodes between the coarsest
+    /// and the finest.
     ///
     /// # Panics
     /// If there is no input, or one of them is not a cut of `tree`, or has too few words of visibility.
@@ -231,8 +237,8 @@ impl MergedCuts {
         self.merge_over(&Whole { tree, levels }, inputs, hidden);
     }
 
-    /// As [`merge`](Self::merge), for cuts of a canopy, several times faster where the whole tree does not fit into a processor's cache. Same result, but for
-    /// the names of nodes, which are the canopy's.
+    /// As [`merge`](Self::merge), for cuts of a canopy, several times faster where the whole tree does not
+    /// fit into a processor's cache. Same result, but for the names of nodes, which are the canopy's.
     ///
     /// # Panics
     /// If there is no input, or one of them is not a cut of `canopy`, or has too few words of visibility.
@@ -306,10 +312,12 @@ impl MergedCuts {
 
     /// The interpolated cut for these weights, one per input, left to right; replaces what is in `chosen`.
     ///
-    /// Weights need not sum to one. What is negative or not a number counts as zero, and all zero as all equal.
+    /// Weights need not sum to one. What is negative or not a number counts as zero, and all zero as all
+    /// equal.
     ///
-    /// Where the inputs' mean levels differ by more than `finer_beyond`, the finest input is taken instead: infinite for interpolation
-    /// alone, 0 for the conservative merge of the inputs, which is discontinuous where inputs change.
+    /// Where the inputs' mean levels differ by more than `finer_beyond`, the finest input is taken instead:
+    /// infinite for interpolation alone, 0 for the conservative merge of the inputs, which is discontinuous
+    /// where inputs change.
     ///
     /// # Panics
     /// If there are not as many weights as inputs.
@@ -317,9 +325,10 @@ impl MergedCuts {
         self.select_refining(weights, finer_beyond, |_| true, chosen);
     }
 
-    /// As [`select`](Self::select), where `refine` decides about each entry whose inputs' mean levels differ by more than `beyond`: whether
-    /// the cut goes below it. It is not asked about entries that have none below, as in the finest input. The cut is valid whatever it says, and
-    /// neither coarser than the coarsest nor finer than the finest input. The paper's authors name this as future work.
+    /// As [`select`](Self::select), where `refine` decides about each entry whose inputs' mean levels differ
+    /// by more than `beyond`: whether the cut goes below it. It is not asked about entries that have none
+    /// below, as in the finest input. The cut is valid whatever it says, and neither coarser than the
+    /// coarsest nor finer than the finest input. The paper's authors name this as future work.
     ///
     /// # Panics
     /// If there are not as many weights as inputs.
@@ -354,8 +363,8 @@ impl MergedCuts {
         }
     }
 
-    /// [`select_refining`](Self::select_refining) without anybody to ask, and several times faster: every entry is looked at, so that neither a
-    /// guess about the last one nor its end has to be waited for.
+    /// [`select_refining`](Self::select_refining) without anybody to ask, and several times faster: every
+    /// entry is looked at, so that neither a guess about the last one nor its end has to be waited for.
     fn sweep(&self, weights: &Weights<'_>, chosen: &mut Vec<Chosen>) {
         chosen.resize(self.entries.len(), Chosen { entry: 0, visibility: 0.0 });
         let (mut count, mut first_free) = (0, 0);

@@ -1,15 +1,18 @@
 //! Lightcut Interpolation: exact cuts of a light tree at a few records, interpolated cuts everywhere else.
 //!
-//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, on any [`LightHierarchy`](lighttree::LightHierarchy): levels and visibilities of the
-//! nodes of neighbouring cuts are averaged, and the average is again a valid cut, with exactly one node on each path from root to leaf.
+//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, on any
+//! [`LightHierarchy`](lighttree::LightHierarchy): levels and visibilities of the nodes of neighbouring cuts
+//! are averaged, and the average is again a valid cut, with exactly one node on each path from root to leaf.
 //!
-//! In the order of use: [`place`] chooses points for records, whose exact cuts (those of the crate `lightcut`, or any others) go into
-//! [`Records`]; a [`RecordGrid`] finds the records near a point, [`WeightParams`] weighs them, [`Selection`] takes the best three;
-//! [`MergedCuts`] interpolates their cuts and visibilities; [`sum_up`] adds up the light, with shadow rays as [`Visibility`] says.
-//! A point without a record is the host's, who falls back to an exact cut and counts it. [`QuickBounds`] finds the few nodes of a cut whose error bound
-//! the host should ask for at the point itself.
+//! In the order of use: [`place`] chooses points for records, whose exact cuts (those of the crate
+//! `lightcut`, or any others) go into [`Records`]; a [`RecordGrid`] finds the records near a point,
+//! [`WeightParams`] weighs them, [`Selection`] takes the best three; [`MergedCuts`] interpolates their cuts
+//! and visibilities; [`sum_up`] adds up the light, with shadow rays as [`Visibility`] says. A point without a
+//! record is the host's, who falls back to an exact cut and counts it. [`QuickBounds`] finds the few nodes of
+//! a cut whose error bound the host should ask for at the point itself.
 //!
-//! `examples/preview.rs` is all of it in another renderer: some hundred exact cuts, and every pixel by interpolation.
+//! `examples/preview.rs` is all of it in another renderer: some hundred exact cuts, and every pixel by
+//! interpolation.
 //!
 //! [`Reconstruction`] is the peer method that the paper compares with: Walter et al.'s reconstruction cuts.
 

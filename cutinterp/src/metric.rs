@@ -1,8 +1,9 @@
 //! What the level of a node is: the quantity that is interpolated.
 //!
-//! Rehfeld and Dachsbacher interpolate depths. Depth is consistent along any one path from root to leaf, which is all that the
-//! interpolation needs; so is every other quantity that grows strictly along every path. In a tree that is no
-//! balanced one, a level of depth may hold almost no light, and a measure of width or of intensity says more.
+//! Rehfeld and Dachsbacher interpolate depths. Depth is consistent along any one path from root to leaf,
+//! which is all that the interpolation needs; so is every other quantity that grows strictly along every
+//! path. In a tree that is no balanced one, a level of depth may hold almost no light, and a measure of width
+//! or of intensity says more.
 
 use lighttree::{LightHierarchy, NodeId};
 
@@ -18,12 +19,12 @@ pub enum LevelMetric {
     LogIntensity,
 }
 
-/// Least difference of level between a node and its child under the logarithmic metrics, where a child may have all of its
-/// parent's lights or nearly all of its intensity.
+/// Least difference of level between a node and its child under the logarithmic metrics, where a child may
+/// have all of its parent's lights or nearly all of its intensity.
 const MIN_STEP: f32 = 1.0 / 1024.0;
 
-/// A node whose share of all intensity is smaller than 2 to the minus this counts as if it were of that share, before
-/// [`MIN_STEP`] makes it strict.
+/// A node whose share of all intensity is smaller than 2 to the minus this counts as if it were of that
+/// share, before [`MIN_STEP`] makes it strict.
 const DARKEST: f64 = 300.0;
 
 /// The levels of all nodes of one tree, and what else interpolation has to know of a node.
@@ -40,8 +41,9 @@ pub struct Levels {
 pub struct Level {
     /// Level of the node in the chosen [`LevelMetric`], dimensionless, at least 0.
     pub level: f32,
-    /// Halfway between `level` and the mean level of its children, weighted by their lights: `level` + ½ for depths. An interpolated
-    /// level below it means this node; one at or above it, something further down. Infinite for a leaf.
+    /// Halfway between `level` and the mean level of its children, weighted by their lights: `level` + ½ for
+    /// depths. An interpolated level below it means this node; one at or above it, something further down.
+    /// Infinite for a leaf.
     pub split: f32,
     /// Number of lights below, at least 1.
     pub lights: u32,

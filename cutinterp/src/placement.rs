@@ -1,13 +1,14 @@
 //! Where records go: as few as serve every point.
 //!
-//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 4, after Ulbrich's master's thesis: within each tile of the image, repeatedly
-//! take the point with most influence on those that still lack records. Here the influence of a point is the sum over all others of
-//! its weight for them, as far as they need it; a point needs no more when its weights sum to
-//! [`PlacementParams::coverage`]. That sum only falls while records are added, so most candidates need not be looked at again, and
-//! the short rays for the harmonic mean distance are cast only for those that are about to be taken.
+//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 4, after Ulbrich's master's thesis:
+//! within each tile of the image, repeatedly take the point with most influence on those that still lack
+//! records. Here the influence of a point is the sum over all others of its weight for them, as far as they
+//! need it; a point needs no more when its weights sum to [`PlacementParams::coverage`]. That sum only falls
+//! while records are added, so most candidates need not be looked at again, and the short rays for the
+//! harmonic mean distance are cast only for those that are about to be taken.
 //!
-//! Differs from the paper: influence is measured on every [`stride`](PlacementParams::stride)-th point of the tile; what that misses
-//! gets records of its own in a second pass over all points.
+//! Differs from the paper: influence is measured on every [`stride`](PlacementParams::stride)-th point of the
+//! tile; what that misses gets records of its own in a second pass over all points.
 
 use std::collections::BinaryHeap;
 
@@ -22,13 +23,16 @@ pub struct PlacementParams {
     pub weights: WeightParams,
     /// Side of a tile in pixels; 128 in the paper. Tiles are independent of one another.
     pub tile: u32,
-    /// Influence is measured on every so-many-th pixel of a row and of a column; at least 1. Time goes with its inverse fourth power.
+    /// Influence is measured on every so-many-th pixel of a row and of a column; at least 1. Time goes with
+    /// its inverse fourth power.
     pub stride: u32,
-    /// A point is served when the weights of its records sum to this. More: more records, smoother interpolation.
+    /// A point is served when the weights of its records sum to this. More: more records, smoother
+    /// interpolation.
     pub coverage: f32,
     /// A record is not worth its cut when it adds less than this, in weight summed over measured points.
     pub least_gain: f32,
-    /// Every point gets a record of at least this weight, in [0, 1): at 0.25, three quarters of the radius away.
+    /// Every point gets a record of at least this weight, in [0, 1): at 0.25, three quarters of the radius
+    /// away.
     pub least_weight: f32,
 }
 
@@ -129,9 +133,9 @@ impl PointImage<'_> {
         Placed { pixel, position: point.position, normal: point.normal, harmonic_mean, radius }
     }
 
-    /// What is left in this image of a record from another view that would be seen at `pixel`: its radius as the footprint there has it.
-    /// `None` where another surface is in front of it, or its place is so far from what is seen that its weight there is below
-    /// `least_weight`.
+    /// What is left in this image of a record from another view that would be seen at `pixel`: its radius as
+    /// the footprint there has it. `None` where another surface is in front of it, or its place is so far
+    /// from what is seen that its weight there is below `least_weight`.
     ///
     /// # Panics
     /// If there is no such pixel.
@@ -163,13 +167,14 @@ impl PointImage<'_> {
 
 /// Places records in `image`, beside those in `kept`; returns the new ones, tile by tile and row by row.
 ///
-/// `gather` is the host's: the harmonic mean distance from the point of a pixel to the geometry around it, for which hits farther away than
-/// the given distance may count as none; some ten to twenty short rays do. Infinite for nothing around. `local` makes what one thread keeps between
-/// calls. All threads of the current rayon pool with the feature `parallel`; the same result for any number of them.
+/// `gather` is the host's: the harmonic mean distance from the point of a pixel to the geometry around it,
+/// for which hits farther away than the given distance may count as none; some ten to twenty short rays do.
+/// Infinite for nothing around. `local` makes what one thread keeps between calls. All threads of the current
+/// rayon pool with the feature `parallel`; the same result for any number of them.
 ///
 /// # Panics
-/// If the last row of the image is not whole, a kept record is at a pixel without a point, or tile or stride is 0
-/// ([`PlacementParams::check`] says so before).
+/// If the last row of the image is not whole, a kept record is at a pixel without a point, or tile or stride
+/// is 0 ([`PlacementParams::check`] says so before).
 pub fn place<L>(
     params: &PlacementParams,
     image: &PointImage<'_>,
@@ -332,7 +337,8 @@ impl Tile<'_> {
         }
     }
 
-    /// Gives every point that no record serves one of its own, on coarser rasters first, so that it serves its neighbours, too.
+    /// Gives every point that no record serves one of its own, on coarser rasters first, so that it serves
+    /// its neighbours, too.
     fn who_has_none(&mut self, gather: &mut impl FnMut(u32, f32) -> f32) {
         let width = self.right - self.left;
         for step in [8, 4, 2, 1] {
@@ -395,7 +401,8 @@ impl Tile<'_> {
         self.scratch.best = best;
     }
 
-    /// Calls `f` with column, row and weight of every point of the tile, on the raster of `step` pixels, that a record is of use to.
+    /// Calls `f` with column, row and weight of every point of the tile, on the raster of `step` pixels, that
+    /// a record is of use to.
     fn each_in_reach(&self, record: &Placed, step: u32, mut f: impl FnMut(u32, u32, f32)) {
         let (site, ImageSite { x, y, reach }) = (record.site(), self.image.image_site(record));
         let range = |at: u32, begin: u32, end: u32| {
@@ -420,11 +427,13 @@ impl Tile<'_> {
     }
 }
 
-/// Which records disagree with a neighbour about how bright it is: where the light changes faster than the distance to the geometry
-/// makes one expect, as at the edge of a shadow. The paper's authors name this as future work.
+/// Which records disagree with a neighbour about how bright it is: where the light changes faster than the
+/// distance to the geometry makes one expect, as at the edge of a shadow. The paper's authors name this as
+/// future work.
 ///
-/// `neighbours` lists the ids of the records that may reach record `i`; a pair disagrees when its brightnesses differ by more than
-/// `spread` of the larger. A second round of placement with smaller radii for these ([`disagreement_radius`]) brings more records there.
+/// `neighbours` lists the ids of the records that may reach record `i`; a pair disagrees when its
+/// brightnesses differ by more than `spread` of the larger. A second round of placement with smaller radii
+/// for these ([`disagreement_radius`]) brings more records there.
 ///
 /// # Panics
 /// If there is not one brightness per record, or a neighbour is no record.
@@ -454,7 +463,8 @@ pub fn disagreeing<'a>(
     marked
 }
 
-/// Half the radius of a record that disagrees with its neighbours, but not less than the least that its footprint allows.
+/// Half the radius of a record that disagrees with its neighbours, but not less than the least that its
+/// footprint allows.
 pub fn disagreement_radius(params: &WeightParams, radius: f32, footprint: f32) -> f32 {
     (0.5 * radius).max(params.radius(0.0, footprint))
 }

@@ -1,9 +1,11 @@
-//! Bounds of eight nodes at once, none below the exact one: which nodes of a cut need a closer look from one receiver?
+//! Bounds of eight nodes at once, none below the exact one: which nodes of a cut need a closer look from one
+//! receiver?
 //!
-//! [`GeometricBound`](lighttree::GeometricBound) takes a hundred nanoseconds and more, most of it for the largest cosines of two axes to a
-//! box. An interpolated cut has hundreds of nodes, and nearly all of them are well below what a receiver tolerates. Here a cosine's bound is the highest
-//! point of the box over its nearest one, in f32 with all rounding upwards: some nanoseconds a node, and what is
-//! not surely tolerated is left to the exact bound. So the answer is the exact bound's own.
+//! [`GeometricBound`](lighttree::GeometricBound) takes a hundred nanoseconds and more, most of it for the
+//! largest cosines of two axes to a box. An interpolated cut has hundreds of nodes, and nearly all of them
+//! are well below what a receiver tolerates. Here a cosine's bound is the highest point of the box over its
+//! nearest one, in f32 with all rounding upwards: some nanoseconds a node, and what is not surely tolerated
+//! is left to the exact bound. So the answer is the exact bound's own.
 
 use glam::{DVec3, Vec3};
 use lighttree::{LambertReceiver, LightBounds, PhongReceiver};
@@ -11,7 +13,8 @@ use lighttree::{LambertReceiver, LightBounds, PhongReceiver};
 /// Nodes that are looked at together.
 const LANES: usize = 8;
 
-/// Part of the farthest distance by which the rounded height of a box over a plane may be off; eight roundings of f32.
+/// Part of the farthest distance by which the rounded height of a box over a plane may be off; eight
+/// roundings of f32.
 const SLACK: f32 = 2e-6;
 
 /// Squared distances from here on may hide an overflow.
@@ -32,7 +35,8 @@ pub struct QuickReceiver {
     peak: f32,
     /// What the exponent is at least: the power is no smaller for it.
     exponent: u32,
-    /// The cosine whose power is e⁻⁶⁰, the least that a power counts as: nothing is too small for a fast multiplication.
+    /// The cosine whose power is e⁻⁶⁰, the least that a power counts as: nothing is too small for a fast
+    /// multiplication.
     least: f32,
 }
 
@@ -128,9 +132,10 @@ impl QuickBounds {
         self.len == 0
     }
 
-    /// Whose bound may be above `limit` at `receiver`: bit `i % 8` of byte `i / 8` for the `i`-th node; replaces what is in `above`. A bit
-    /// that is not set says that the exact bound is at most `limit`. For distances from 1e-15 to 1e15 in the scene's unit; beyond them, and
-    /// for a limit that is no number, all bits are set.
+    /// Whose bound may be above `limit` at `receiver`: bit `i % 8` of byte `i / 8` for the `i`-th node;
+    /// replaces what is in `above`. A bit that is not set says that the exact bound is at most `limit`. For
+    /// distances from 1e-15 to 1e15 in the scene's unit; beyond them, and for a limit that is no number, all
+    /// bits are set.
     pub fn above(&self, receiver: &QuickReceiver, limit: f32, above: &mut Vec<u8>) {
         above.clear();
         above.extend(self.lanes.iter().map(|lanes| lanes.above(receiver, limit)));

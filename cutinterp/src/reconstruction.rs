@@ -1,15 +1,18 @@
-//! Reconstruction cuts: the light of a point from directional *impostors* of clusters at the corners of a block of the image.
+//! Reconstruction cuts: the light of a point from directional *impostors* of clusters at the corners of a
+//! block of the image.
 //!
-//! Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, section 5; the peer that Rehfeld and Dachsbacher compare
-//! with. Each corner has an exact cut. Every node on or above it gets an impostor, a directional light that gives the corner what the
-//! node's visible part gives it. A point goes down the tree once: where the corners' impostors agree about the point to within a share of
-//! its light, they are averaged; where no corner sees any light of a node, it is left out; and where the walk arrives
-//! below all cuts without agreement, the node is evaluated like any cluster, with a shadow ray.
+//! Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, section 5; the peer that Rehfeld
+//! and Dachsbacher compare with. Each corner has an exact cut. Every node on or above it gets an impostor, a
+//! directional light that gives the corner what the node's visible part gives it. A point goes down the tree
+//! once: where the corners' impostors agree about the point to within a share of its light, they are
+//! averaged; where no corner sees any light of a node, it is left out; and where the walk arrives below all
+//! cuts without agreement, the node is evaluated like any cluster, with a shadow ray.
 //!
 //! Differs from the paper:
-//! - below one corner's cut and above another's, the corner's impostor is scaled by intensity, where the paper stops at the first cut;
-//! - an impostor that stands for more than [`ReconstructionParams::largest`] of the point's light is not used, because its one direction
-//!   says too little about a wide cluster;
+//! - below one corner's cut and above another's, the corner's impostor is scaled by intensity, where the
+//!   paper stops at the first cut;
+//! - an impostor that stands for more than [`ReconstructionParams::largest`] of the point's light is not
+//!   used, because its one direction says too little about a wide cluster;
 //! - blocks and the tests that divide them are the host's.
 
 use core::ops::Range;
@@ -24,14 +27,15 @@ use crate::Levels;
 pub struct Impostor {
     /// Unit direction to where the light comes from; zero for none.
     pub direction: Vec3,
-    /// RGB irradiance on a plane perpendicular to it, visibility included, W·m⁻² or whatever unit the host has.
+    /// RGB irradiance on a plane perpendicular to it, visibility included, W·m⁻² or whatever unit the host
+    /// has.
     pub irradiance: Vec3,
 }
 
 /// The impostors of all nodes on or above one corner's cut.
 ///
-/// Memory: 32 bytes a node, of which there are fewer than twice the cut's in a binary tree, less those below a node that the corner
-/// sees nothing of.
+/// Memory: 32 bytes a node, of which there are fewer than twice the cut's in a binary tree, less those below
+/// a node that the corner sees nothing of.
 #[derive(Clone, Debug, Default)]
 pub struct Impostors {
     /// Parents before children, left to right.
@@ -53,8 +57,9 @@ fn luminance(rgb: Vec3) -> f32 {
 }
 
 impl Impostors {
-    /// Makes the impostors of a corner whose cut is `cut`, left to right. `of` is the host's: the impostor of the cut's `i`-th
-    /// node, that is, of its representative. `scatter` is what the corner's surface makes of a direction, `f_s` · cos θ in sr⁻¹.
+    /// Makes the impostors of a corner whose cut is `cut`, left to right. `of` is the host's: the impostor of
+    /// the cut's `i`-th node, that is, of its representative. `scatter` is what the corner's surface makes of
+    /// a direction, `f_s` · cos θ in sr⁻¹.
     ///
     /// # Panics
     /// If `cut` is not a cut of `tree`.
@@ -154,7 +159,8 @@ fn without_what_is_below_darkness(entries: &[Entry]) -> Vec<Entry> {
     kept
 }
 
-/// The impostor that gives the corner `radiance`, from the mean direction; plain sums where the surface reflects nothing from there.
+/// The impostor that gives the corner `radiance`, from the mean direction; plain sums where the surface
+/// reflects nothing from there.
 fn scaled(
     (radiance, direction, irradiance): (DVec3, DVec3, DVec3),
     scatter: &mut impl FnMut(Vec3) -> Vec3,
@@ -179,7 +185,8 @@ fn scaled(
 /// How fine a reconstruction is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReconstructionParams {
-    /// Impostors agree when they differ by no more than this share of the point's light. At least 0; 0.01 by default.
+    /// Impostors agree when they differ by no more than this share of the point's light. At least 0; 0.01 by
+    /// default.
     pub threshold: f32,
     /// Largest share of the point's light that one impostor may stand for. Above 0; 0.1 by default.
     pub largest: f32,
@@ -221,8 +228,9 @@ pub struct Reconstruction {
 impl Reconstruction {
     /// The light of a point among four corners with these weights, which sum to one.
     ///
-    /// `total` is about the luminance of the result, such as the corners' average; thresholds are shares of it. `scatter` is what the
-    /// point's surface makes of a direction, `f_s` · cos θ in sr⁻¹; `evaluate` the RGB radiance of a node by its representative, shadow included.
+    /// `total` is about the luminance of the result, such as the corners' average; thresholds are shares of
+    /// it. `scatter` is what the point's surface makes of a direction, `f_s` · cos θ in sr⁻¹; `evaluate` the
+    /// RGB radiance of a node by its representative, shadow included.
     ///
     /// # Panics
     /// If the impostors are not all of `tree`.
@@ -273,7 +281,8 @@ impl Reconstruction {
                 continue;
             }
 
-            // Ask the children: in each corner's list they come one after the other, or they have a part in what is there.
+            // Ask the children: in each corner's list they come one after the other, or they have a part in
+            // what is there.
             let mut next = [0, 1, 2, 3].map(|c| corners[c].below(known[c].entry).start);
             let first = self.pending.len();
             let all = f64::from(levels.at(tree.node_index(node)).intensity);

@@ -9,11 +9,13 @@ use crate::{Canopy, InputCut, Levels, Site};
 pub struct Record {
     /// Place and radius.
     pub site: Site,
-    /// Harmonic mean distance to the geometry around, in the scene's unit of length; infinite where there is none near.
+    /// Harmonic mean distance to the geometry around, in the scene's unit of length; infinite where there is
+    /// none near.
     pub harmonic_mean: f32,
     /// Of the pixel that it was placed at, see [`Point::footprint`](crate::Point::footprint).
     pub footprint: f32,
-    /// Luminance that the exact cut gave, in any unit that is the same for all records: what neighbours are compared by.
+    /// Luminance that the exact cut gave, in any unit that is the same for all records: what neighbours are
+    /// compared by.
     pub brightness: f32,
     nodes: u32,
     first_node: usize,
@@ -31,8 +33,9 @@ pub struct Records {
 }
 
 impl Records {
-    /// Adds a record, whose id is the number of those before it. `cut` has the nodes of its exact cut, left to right, and whether the
-    /// shadow ray to each node's representative found it; false for those that give the record nothing.
+    /// Adds a record, whose id is the number of those before it. `cut` has the nodes of its exact cut, left
+    /// to right, and whether the shadow ray to each node's representative found it; false for those that give
+    /// the record nothing.
     ///
     /// # Panics
     /// Beyond 2³² - 1 records, or nodes in one cut.
@@ -100,8 +103,9 @@ impl Records {
         InputCut { nodes, visible: &self.visible[first_word..first_word + nodes.len().div_ceil(32)] }
     }
 
-    /// Collects what the cuts of all records reach of `tree`, and gives their nodes the names that they have in there: from now on they are
-    /// cuts of the canopy, for [`MergedCuts::merge_in`](crate::MergedCuts::merge_in). `levels` are those of `tree`.
+    /// Collects what the cuts of all records reach of `tree`, and gives their nodes the names that they have
+    /// in there: from now on they are cuts of the canopy, for
+    /// [`MergedCuts::merge_in`](crate::MergedCuts::merge_in). `levels` are those of `tree`.
     ///
     /// # Panics
     /// If one of them is not a cut of `tree`.

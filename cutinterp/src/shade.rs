@@ -9,13 +9,14 @@ use crate::Chosen;
 pub enum Visibility {
     /// A shadow ray for every node that gives light. Nothing is blurred.
     Full,
-    /// A shadow ray where the records disagree, which the authors name as future work, and where a node gives so much that not even their
-    /// agreement is taken for granted.
+    /// A shadow ray where the records disagree, which the authors name as future work, and where a node gives
+    /// so much that not even their agreement is taken for granted.
     Adaptive {
-        /// Where records disagree: the share of the receiver's light by which a node may be wrong without a ray, half of the node's light at
-        /// worst. At least 0; 0 asks wherever they disagree.
+        /// Where records disagree: the share of the receiver's light by which a node may be wrong without a
+        /// ray, half of the node's light at worst. At least 0; 0 asks wherever they disagree.
         share: f32,
-        /// Where they agree: the share of the receiver's light that a node may give without a ray. At least 0; infinite trusts them.
+        /// Where they agree: the share of the receiver's light that a node may give without a ray. At least
+        /// 0; infinite trusts them.
         trust: f32,
     },
     /// That of the records, and no ray.
@@ -36,8 +37,8 @@ pub struct Lit {
 pub struct Wanted {
     /// Its place in the cut.
     pub at: u32,
-    /// What of its light is in the sum already, in [0, 1]. The answer adds 1 - `assumed` times the light if it is seen, and takes
-    /// `assumed` times the light away if it is not.
+    /// What of its light is in the sum already, in [0, 1]. The answer adds 1 - `assumed` times the light if
+    /// it is seen, and takes `assumed` times the light away if it is not.
     pub assumed: f32,
 }
 
@@ -50,8 +51,8 @@ impl Wanted {
     }
 }
 
-/// A receiver's light as far as it is known without shadow rays, and the nodes that need one: for hosts that ask for many at once.
-/// [`sum_up`] asks for them one after the other.
+/// A receiver's light as far as it is known without shadow rays, and the nodes that need one: for hosts that
+/// ask for many at once. [`sum_up`] asks for them one after the other.
 ///
 /// `unoccluded[i]` is the RGB light of `chosen[i]` without shadow. Replaces what is in `wanted`.
 ///
@@ -89,8 +90,8 @@ pub fn assume(
 
 /// Sums up a receiver's light.
 ///
-/// `unoccluded[i]` is the RGB light of `chosen[i]` without shadow. `occluded` is the host's: whether the shadow ray to the light that speaks for
-/// `chosen[i]` is blocked; asked at most once for each, in order.
+/// `unoccluded[i]` is the RGB light of `chosen[i]` without shadow. `occluded` is the host's: whether the
+/// shadow ray to the light that speaks for `chosen[i]` is blocked; asked at most once for each, in order.
 ///
 /// # Panics
 /// If the slices differ in length.

@@ -1,21 +1,26 @@
-//! Interpolation in one pass from left to right that reads only levels and widths: Listings 1 and 2, corrected.
+//! Interpolation in one pass from left to right that reads only levels and widths: Listings 1 and 2,
+//! corrected.
 //!
-//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 3.3. The inputs are walked along their lowest edge, the mean level
-//! is gathered between *sync positions*, where two inputs end a node at the same leaf, and nodes of that level are emitted as far as the
-//! sync position.
+//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 3.3. The inputs are walked along their
+//! lowest edge, the mean level is gathered between *sync positions*, where two inputs end a node at the same
+//! leaf, and nodes of that level are emitted as far as the sync position.
 //!
 //! Differs from the listings, each of which changes the result:
-//! - the sum of levels is weighted by the width of the nodes, as text and formula have it and the listing has not;
-//! - sum and width begin anew after a sync position, and are carried on only where a node that reaches beyond it was put off;
+//! - the sum of levels is weighted by the width of the nodes, as text and formula have it and the listing has
+//!   not;
+//! - sum and width begin anew after a sync position, and are carried on only where a node that reaches beyond
+//!   it was put off;
 //! - the loops end *before* the end of the tree (`<` for `<=`);
-//! - after a node is emitted, the least level that may come next is that of the largest node that begins at the next leaf, for left
-//!   and right children alike; the listing takes the interpolated level for the one and keeps no memory between calls for the other;
-//! - the width of the candidate is tested, not that of a node that was not emitted yet, and that candidate is evaluated;
+//! - after a node is emitted, the least level that may come next is that of the largest node that begins at
+//!   the next leaf, for left and right children alike; the listing takes the interpolated level for the one
+//!   and keeps no memory between calls for the other;
+//! - the width of the candidate is tested, not that of a node that was not emitted yet, and that candidate is
+//!   evaluated;
 //! - levels are rounded, and a level deeper than the leaf means the leaf;
 //! - with one input, every node ends at a sync position.
 //!
-//! Always a valid cut, and identical inputs return themselves. Other than the canonical rule it may leave the range between the
-//! coarsest and the finest input, and a mirrored tree does not give the mirrored cut.
+//! Always a valid cut, and identical inputs return themselves. Other than the canonical rule it may leave the
+//! range between the coarsest and the finest input, and a mirrored tree does not give the mirrored cut.
 
 use lighttree::{LightHierarchy, NodeId};
 
@@ -39,10 +44,11 @@ struct Cursor {
 }
 
 impl Streaming {
-    /// Interpolates `inputs` with these weights into `nodes`, left to right; replaces what is in there. `levels` and `first` are those
-    /// of `tree`.
+    /// Interpolates `inputs` with these weights into `nodes`, left to right; replaces what is in there.
+    /// `levels` and `first` are those of `tree`.
     ///
-    /// Weights need not sum to one, but at least one must be positive and none negative: otherwise any valid cut may come out.
+    /// Weights need not sum to one, but at least one must be positive and none negative: otherwise any valid
+    /// cut may come out.
     ///
     /// # Panics
     /// If there is no input or not one weight for each, or one of them is not a cut of `tree`.
@@ -118,7 +124,8 @@ fn candidate<T: LightHierarchy + ?Sized>(tree: &T, levels: &Levels, first: NodeI
         if children.is_empty() {
             return node;
         }
-        // Halfway along this very path, so that the level of a node on it finds that node. For depths this is `split`.
+        // Halfway along this very path, so that the level of a node on it finds that node. For depths this is
+        // `split`.
         let child = NodeId(children.start);
         let of = |node: NodeId| f64::from(levels.at(tree.node_index(node)).level);
         if level < 0.5 * (of(node) + of(child)) {

@@ -1,18 +1,20 @@
 //! Visibility of the nodes of a cut, from cuts whose nodes were tested with shadow rays.
 //!
-//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 3.3, interpolate visibility "along with the nodes' levels" and do not say
-//! how, where an output node covers several input nodes or only a part of one. Here an input's visibility of a node is the mean over the
-//! lights below it, weighted by their intensity: the share of the light that is seen.
+//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 3.3, interpolate visibility "along with
+//! the nodes' levels" and do not say how, where an output node covers several input nodes or only a part of
+//! one. Here an input's visibility of a node is the mean over the lights below it, weighted by their
+//! intensity: the share of the light that is seen.
 
 use lighttree::{LightHierarchy, NodeId};
 
 use crate::{InputCut, Levels};
 
-/// The visibility of each node of the cut `nodes` as the inputs have it, averaged with `weights`; in [0, 1]. Replaces what is in
-/// `visibility`.
+/// The visibility of each node of the cut `nodes` as the inputs have it, averaged with `weights`; in [0, 1].
+/// Replaces what is in `visibility`.
 ///
-/// For cuts of any origin, such as [`Streaming`](crate::Streaming)'s; [`MergedCuts`](crate::MergedCuts) has the same numbers at hand.
-/// `levels` are those of `tree`. Weights need not sum to one, but at least one must be positive and none negative.
+/// For cuts of any origin, such as [`Streaming`](crate::Streaming)'s; [`MergedCuts`](crate::MergedCuts) has
+/// the same numbers at hand. `levels` are those of `tree`. Weights need not sum to one, but at least one must
+/// be positive and none negative.
 ///
 /// # Panics
 /// If there is not one weight per input, or `nodes` or an input is not a cut of `tree`.

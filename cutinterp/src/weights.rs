@@ -1,14 +1,16 @@
 //! How much a record has to say about a point, and which records a point uses.
 //!
-//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 3.2: the weight of Tabellion and Lamorlette, "An Approximate Global
-//! Illumination System for Computer Generated Films", 2004; the three best records less the fourth, so that weights are continuous.
+//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 3.2: the weight of Tabellion and
+//! Lamorlette, "An Approximate Global Illumination System for Computer Generated Films", 2004; the three best
+//! records less the fourth, so that weights are continuous.
 //!
 //! Differs from the paper:
-//! - the limits of a record's radius are multiples of the *side* of a pixel's footprint, not of its area, because they are lengths;
-//! - a record counts as in front of a point only beyond a tolerance: compared with zero, rounding rejects every second
-//!   record of one flat wall;
-//! - a point on a line between records (or in a regular grid of them) may have four equal weights, whose differences say nothing: then the
-//!   weights themselves are used.
+//! - the limits of a record's radius are multiples of the *side* of a pixel's footprint, not of its area,
+//!   because they are lengths;
+//! - a record counts as in front of a point only beyond a tolerance: compared with zero, rounding rejects
+//!   every second record of one flat wall;
+//! - a point on a line between records (or in a regular grid of them) may have four equal weights, whose
+//!   differences say nothing: then the weights themselves are used.
 
 use glam::Vec3;
 
@@ -19,10 +21,11 @@ pub struct Point {
     pub position: Vec3,
     /// Unit normal on the viewer's side.
     pub normal: Vec3,
-    /// Side of the square that has the area of what a pixel (or texel) covers of the surface here, in the scene's unit of length.
+    /// Side of the square that has the area of what a pixel (or texel) covers of the surface here, in the
+    /// scene's unit of length.
     pub footprint: f32,
-    /// Least distance on the surface between the points of neighbouring pixels, at most `footprint`: the same, without the
-    /// foreshortening.
+    /// Least distance on the surface between the points of neighbouring pixels, at most `footprint`: the
+    /// same, without the foreshortening.
     pub spacing: f32,
 }
 
@@ -40,16 +43,18 @@ pub struct Site {
 /// How weights fall with distance and angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WeightParams {
-    /// Least radius of a record in footprints; 4 in the paper. More: fewer records in corners, more error there.
+    /// Least radius of a record in footprints; 4 in the paper. More: fewer records in corners, more error
+    /// there.
     pub r_min: f32,
     /// Largest radius of a record in footprints, at least `r_min`; 15 in the paper.
     pub r_max: f32,
-    /// Largest radius of a record in the scene's unit of length; infinite by default. For footprints without a limit, as through
-    /// mirrors.
+    /// Largest radius of a record in the scene's unit of length; infinite by default. For footprints without
+    /// a limit, as through mirrors.
     pub max_radius: f32,
     /// Cosine of the angle between normals at which the weight is zero; cos 15° in the paper.
     pub cos_max_angle: f32,
-    /// A record is in front of a point when it is so by more than this part of its radius. Dimensionless, above 0.
+    /// A record is in front of a point when it is so by more than this part of its radius. Dimensionless,
+    /// above 0.
     pub front_tolerance: f32,
     /// A record is of use to a point when its weight is above this. In [0, 1).
     pub epsilon: f32,
@@ -92,8 +97,8 @@ impl WeightParams {
         }
     }
 
-    /// Radius of a record whose harmonic mean distance to the geometry around is `harmonic_mean` (infinite where
-    /// nothing is around; what is no number counts as that), where a pixel's footprint is `footprint`.
+    /// Radius of a record whose harmonic mean distance to the geometry around is `harmonic_mean` (infinite
+    /// where nothing is around; what is no number counts as that), where a pixel's footprint is `footprint`.
     pub fn radius(&self, harmonic_mean: f32, footprint: f32) -> f32 {
         // `min` takes the number of the two.
         let largest = (self.r_max * footprint).min(self.max_radius);
@@ -141,8 +146,8 @@ pub struct Selection {
 const ROUNDING: f32 = 1e-6;
 
 impl Selection {
-    /// Selects among `candidates`, pairs of id and weight in any order without repetition. `None` where no weight is above `epsilon`:
-    /// the point has to find its light in another way.
+    /// Selects among `candidates`, pairs of id and weight in any order without repetition. `None` where no
+    /// weight is above `epsilon`: the point has to find its light in another way.
     #[inline]
     pub fn best(candidates: impl Iterator<Item = (u32, f32)>, epsilon: f32) -> Option<Self> {
         // The four best, best first; ties to the lower id.

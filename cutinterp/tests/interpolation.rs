@@ -1,4 +1,5 @@
-//! What is proved of interpolated cuts, on trees of any shape; and that the listings as printed have none of it.
+//! What is proved of interpolated cuts, on trees of any shape; and that the listings as printed have none of
+//! it.
 
 mod common;
 
@@ -468,8 +469,8 @@ fn the_printed_listing_does_not_return_identical_inputs() {
     assert!(differs > 10);
 }
 
-/// Listings 1 and 2 as printed, with only what keeps them from running forever or past the end: no width in the sum of levels, sums never reset, the
-/// sum for a level after a left node.
+/// Listings 1 and 2 as printed, with only what keeps them from running forever or past the end: no width in
+/// the sum of levels, sums never reset, the sum for a level after a left node.
 fn literal_listing(case: &Case) -> Vec<NodeId> {
     use lighttree::{Hierarchy, ItemRanges};
     let Case { tree, cuts, weights, .. } = case;

@@ -1,5 +1,5 @@
-//! In the steady state nothing grows: the second pass over the same receivers needs no more memory than the first left. And a cache
-//! of merged cuts never changes a result.
+//! In the steady state nothing grows: the second pass over the same receivers needs no more memory than the
+//! first left. And a cache of merged cuts never changes a result.
 
 mod common;
 

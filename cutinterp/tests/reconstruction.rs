@@ -69,7 +69,8 @@ proptest! {
             );
             (out, evaluated_outside)
         };
-        // An impostor's mean direction may be clamped to a plain sum; here, with smooth scattering, it is not.
+        // An impostor's mean direction may be clamped to a plain sum; here, with smooth scattering, it is
+        // not.
         let is_right = |out: &Reconstructed| {
             (out.radiance - expected).abs().max_element() <= 1e-4 * expected.max_element() + 1e-12
         };

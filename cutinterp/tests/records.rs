@@ -371,7 +371,8 @@ fn settled_records_have_the_same_cuts_in_a_canopy_of_the_size_that_its_memory_sa
         let back: Vec<NodeId> = records.cut(id).nodes.iter().map(|&node| canopy.in_tree(node)).collect();
         assert_eq!(&back, cut);
     }
-    // Every one of its nodes is above or on a cut: a binary tree of at most as many leaves as there are nodes of cuts.
+    // Every one of its nodes is above or on a cut: a binary tree of at most as many leaves as there are nodes
+    // of cuts.
     assert!(canopy.len() < 2 * cuts.iter().map(Vec::len).sum::<usize>() && canopy.len() < tree.node_count());
     assert!(canopy.bytes() <= 2 * 28 * canopy.len() + 1024, "{} for {}", canopy.bytes(), canopy.len());
 }

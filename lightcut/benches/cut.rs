@@ -1,5 +1,6 @@
-//! What does a lightcut cost per receiver, and how does that grow with the number of lights? Everything but the shadow rays: a
-//! field of oriented virtual lights over a diffuse floor, nothing in between. `all` asks every light in the plainest loop.
+//! What does a lightcut cost per receiver, and how does that grow with the number of lights? Everything but
+//! the shadow rays: a field of oriented virtual lights over a diffuse floor, nothing in between. `all` asks
+//! every light in the plainest loop.
 
 use std::hint::black_box;
 

@@ -1,5 +1,6 @@
-//! A renderer of another kind in eighty lines: its own triangles and ray loop, its own material, its own lamps. Of this
-//! workspace it uses `lighttree` and `lightcut`, nothing else. Writes a PPM if the first argument names one.
+//! A renderer of another kind in eighty lines: its own triangles and ray loop, its own material, its own
+//! lamps. Of this workspace it uses `lighttree` and `lightcut`, nothing else. Writes a PPM if the first
+//! argument names one.
 
 use glam::Vec3;
 use lightcut::{Choice, Lightcut, LightcutParams, Lit, Representatives, Transfer};

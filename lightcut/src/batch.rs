@@ -5,11 +5,12 @@ use lighttree::{LightHierarchy, LightId, NodeBound};
 use crate::{Lightcut, Lit, Scratch, Transfer};
 
 impl<T: LightHierarchy + Sync> Lightcut<'_, T> {
-    /// [`shade`](Self::shade) for each receiver; on all threads of the current rayon pool with the feature `parallel`, with the
-    /// same bits for any number of them.
+    /// [`shade`](Self::shade) for each receiver; on all threads of the current rayon pool with the feature
+    /// `parallel`, with the same bits for any number of them.
     ///
-    /// `local` makes what one thread keeps between receivers (traversal stacks, counters), and `transfer` gets it, the
-    /// receiver and a light. Keep receivers in image order, tile by tile: neighbours then find the same nodes in cache.
+    /// `local` makes what one thread keeps between receivers (traversal stacks, counters), and `transfer`
+    /// gets it, the receiver and a light. Keep receivers in image order, tile by tile: neighbours then find
+    /// the same nodes in cache.
     ///
     /// # Panics
     /// If the slices differ in length.

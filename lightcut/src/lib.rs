@@ -1,21 +1,24 @@
-//! Lightcuts: the light of very many lamps on one point, to a relative error that you set, for the cost of a few
-//! hundred of them.
+//! Lightcuts: the light of very many lamps on one point, to a relative error that you set, for the cost of a
+//! few hundred of them.
 //!
-//! Walter, Fernandez, Arbree, Bala, Donikian and Greenberg, "Lightcuts: A Scalable Approach to Illumination", 2005, on any
-//! [`LightHierarchy`](lighttree::LightHierarchy). A *cut* through the light tree replaces each cluster under it by one representative light, and is refined
-//! where the bound of a cluster's error is larger than a share (2 % by default) of the whole.
+//! Walter, Fernandez, Arbree, Bala, Donikian and Greenberg, "Lightcuts: A Scalable Approach to Illumination",
+//! 2005, on any [`LightHierarchy`](lighttree::LightHierarchy). A *cut* through the light tree replaces each
+//! cluster under it by one representative light, and is refined where the bound of a cluster's error is
+//! larger than a share (2 % by default) of the whole.
 //!
 //! Differs from the paper:
 //! - intensities per colour channel, so that a representative's own colour never tints its cluster;
-//! - any emission profile and any receiver that [`lighttree::NodeBound`] can bound, not only the paper's three lights;
+//! - any emission profile and any receiver that [`lighttree::NodeBound`] can bound, not only the paper's
+//!   three lights;
 //! - the running total is kept in f64, and the result is summed over the final cut, so nothing drifts;
 //! - two floors for dark places and a clamp for virtual lights, all off by default ([`LightcutParams`]).
 //!
-//! What is wrong with a result: each node's error is below the threshold, but the errors of hundreds of nodes add up. They mostly cancel; the
-//! sum is not bounded by the threshold. `docs/lightcut.md` has measured curves.
+//! What is wrong with a result: each node's error is below the threshold, but the errors of hundreds of nodes
+//! add up. They mostly cancel; the sum is not bounded by the threshold. `docs/lightcut.md` has measured
+//! curves.
 //!
-//! Any tree will do. [`BuildParams::agglomerative`](lighttree::BuildParams::agglomerative) clusters tightest: over virtual lights half the error of the default tree at the
-//! same cut, for a slower build.
+//! Any tree will do. [`BuildParams::agglomerative`](lighttree::BuildParams::agglomerative) clusters tightest:
+//! over virtual lights half the error of the default tree at the same cut, for a slower build.
 //!
 //! The host's part is one closure that shades one light and traces its shadow ray. A whole small renderer of
 //! another kind is in `examples/foreign.rs`.

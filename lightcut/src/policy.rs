@@ -1,7 +1,7 @@
 //! When a node of a lightcut is split, and what its estimate is.
 //!
-//! Walter et al. 2005, section 4.1: the error of a cluster is at most its bound, and is tolerated when it is below a
-//! share of the receiver's whole estimate as the cut stands.
+//! Walter et al. 2005, section 4.1: the error of a cluster is at most its bound, and is tolerated when it is
+//! below a share of the receiver's whole estimate as the cut stands.
 
 use glam::Vec3;
 use lighttree::{CutPolicy, LightHierarchy, LightId, NodeBound, NodeId};
@@ -11,8 +11,8 @@ use crate::{LightcutParams, Representatives, Transfer, representatives::luminanc
 /// A node's estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// RGB radiance that the node's lights give to the receiver, shadows included, in W·m⁻²·sr⁻¹ divided by the tree's
-    /// largest intensity.
+    /// RGB radiance that the node's lights give to the receiver, shadows included, in W·m⁻²·sr⁻¹ divided by
+    /// the tree's largest intensity.
     pub(crate) radiance: Vec3,
     /// Luminance of the same without shadows.
     pub(crate) unoccluded: f32,
@@ -25,8 +25,8 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Luminance that the node's lights give to the receiver, shadows included, in W·m⁻²·sr⁻¹ divided by the largest intensity of
-    /// all the tree's lights: to be compared with others of the same tree.
+    /// Luminance that the node's lights give to the receiver, shadows included, in W·m⁻²·sr⁻¹ divided by the
+    /// largest intensity of all the tree's lights: to be compared with others of the same tree.
     pub fn luminance(&self) -> f64 {
         luminance(self.radiance)
     }
@@ -36,7 +36,8 @@ impl Estimate {
         self.light
     }
 
-    /// The share of the node's light that arrives, in [0, 1]: 0 or 1 for one shadow ray; 0 where there is no light.
+    /// The share of the node's light that arrives, in [0, 1]: 0 or 1 for one shadow ray; 0 where there is no
+    /// light.
     pub fn seen(&self) -> f32 {
         if self.unoccluded > 0.0 {
             (luminance(self.radiance) / f64::from(self.unoccluded)) as f32
@@ -161,7 +162,8 @@ where
     R: ?Sized,
     B: NodeBound<R>,
 {
-    /// Bound of the luminance that a node of this RGB intensity can give, and so of the error of any estimate of it.
+    /// Bound of the luminance that a node of this RGB intensity can give, and so of the error of any estimate
+    /// of it.
     fn error(&self, node: NodeId, intensity: Vec3) -> f64 {
         let (bounds, luminance) = (self.tree.bounds(node), luminance(intensity));
         if bounds.intensity == 0.0 || luminance == 0.0 {

@@ -1,11 +1,11 @@
 //! The light that speaks for a cluster, and the cluster's colour.
 //!
-//! Walter et al. 2005, section 3.1: the representative of a cluster is one of its children's, chosen at random in
-//! proportion to their intensities; every cluster's estimate is then unbiased over the choice.
+//! Walter et al. 2005, section 3.1: the representative of a cluster is one of its children's, chosen at
+//! random in proportion to their intensities; every cluster's estimate is then unbiased over the choice.
 //!
 //! Differs from the paper:
-//! - the cluster's intensity is kept per colour channel. A representative stands for its cluster's *place*; the colour is
-//!   the cluster's own, so that a red lamp never speaks red for white ones;
+//! - the cluster's intensity is kept per colour channel. A representative stands for its cluster's *place*;
+//!   the colour is the cluster's own, so that a red lamp never speaks red for white ones;
 //! - there is another choice, [`Choice::Central`].
 
 use core::fmt;
@@ -25,21 +25,23 @@ pub(crate) fn luminance(rgb: Vec3) -> f64 {
 pub enum Choice {
     /// One of the children's representatives at random, in proportion to their intensities, as in the paper.
     ///
-    /// Bias: none over the choice; for one choice, which all receivers share, errors that look alike in neighbouring pixels.
-    /// Cost: linear time; a node shares its light with one of its children, so a split asks for one new transfer.
+    /// Bias: none over the choice; for one choice, which all receivers share, errors that look alike in
+    /// neighbouring pixels. Cost: linear time; a node shares its light with one of its children, so a split
+    /// asks for one new transfer.
     Random {
         /// The same seed gives the same choice.
         seed: u32,
     },
-    /// The light nearest to the mean place and the mean direction of the cluster, weighted by intensity: of all its lights, or of
-    /// [`Choice::CANDIDATES`] taken evenly from more.
+    /// The light nearest to the mean place and the mean direction of the cluster, weighted by intensity: of
+    /// all its lights, or of [`Choice::CANDIDATES`] taken evenly from more.
     ///
-    /// At the means a cluster's estimate is right to the first order in its extent; a random light is off by as much as the extent.
-    /// Bias: as good as none far away, where the estimate is close to the truth anyway; near by, what is curved in the
-    /// transfer. Visibility is one light's either way.
-    /// Cost: as many steps as there are candidates for each node, and 24 bytes a light and 64 a node while it is made. A node rarely shares its light
-    /// with a child, so a split asks for nearly two transfers, and the shadow rays are up to twice as many for the same cut.
-    /// Directions are those of the tree's leaves: in a tree without cones, places alone decide.
+    /// At the means a cluster's estimate is right to the first order in its extent; a random light is off by
+    /// as much as the extent. Bias: as good as none far away, where the estimate is close to the truth
+    /// anyway; near by, what is curved in the transfer. Visibility is one light's either way. Cost: as many
+    /// steps as there are candidates for each node, and 24 bytes a light and 64 a node while it is made. A
+    /// node rarely shares its light with a child, so a split asks for nearly two transfers, and the shadow
+    /// rays are up to twice as many for the same cut. Directions are those of the tree's leaves: in a tree
+    /// without cones, places alone decide.
     Central,
 }
 
@@ -50,15 +52,16 @@ impl Choice {
 
 /// For every node of a tree its representative light and its RGB intensity.
 ///
-/// Memory: 16 bytes a node, that is 32 bytes a light in a binary tree of one light a leaf; 12 more a light where leaves
-/// hold several.
+/// Memory: 16 bytes a node, that is 32 bytes a light in a binary tree of one light a leaf; 12 more a light
+/// where leaves hold several.
 #[derive(Clone, Debug)]
 pub struct Representatives {
     /// By `node_index`.
     nodes: Vec<Representative>,
     /// RGB intensity by slot, in units of `scale`; empty where every leaf is one light.
     lights: Vec<Vec3>,
-    /// The largest intensity of all lights in any channel: what 1 means here. Keeps sums of intensities near f32's end finite.
+    /// The largest intensity of all lights in any channel: what 1 means here. Keeps sums of intensities near
+    /// f32's end finite.
     scale: f32,
 }
 
@@ -204,7 +207,8 @@ impl Representatives {
         self.lights[slot as usize]
     }
 
-    /// The largest intensity of all lights in any channel, W·sr⁻¹: the unit of [`Estimate::luminance`](crate::Estimate::luminance).
+    /// The largest intensity of all lights in any channel, W·sr⁻¹: the unit of
+    /// [`Estimate::luminance`](crate::Estimate::luminance).
     pub fn scale(&self) -> f32 {
         self.scale
     }
@@ -256,8 +260,9 @@ struct Mean {
 }
 
 impl Mean {
-    /// What a squared difference of unit axes counts against a squared distance in units of the cluster's own spread. A cosine's relative error
-    /// is about the difference of axes, that of 1/d² twice the distance over d; in a cut, clusters of standard deviation 0.1 d are usual.
+    /// What a squared difference of unit axes counts against a squared distance in units of the cluster's own
+    /// spread. A cosine's relative error is about the difference of axes, that of 1/d² twice the distance
+    /// over d; in a cut, clusters of standard deviation 0.1 d are usual.
     const AXES: f64 = 25.0;
 
     fn add(&mut self, place: &Place, weight: f64) {

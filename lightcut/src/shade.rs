@@ -11,14 +11,14 @@ use crate::{
 /// What one light of intensity 1 in every channel does to the receiver: all that a lightcut asks of a host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transfer {
-    /// RGB radiance towards the viewer without shadows: scattering × cosine × emission profile ÷ squared distance, in sr⁻¹
-    /// times the inverse square of the scene's length unit. Not negative.
+    /// RGB radiance towards the viewer without shadows: scattering × cosine × emission profile ÷ squared
+    /// distance, in sr⁻¹ times the inverse square of the scene's length unit. Not negative.
     pub unoccluded: Vec3,
-    /// The part of it that arrives, shadows included, in the same unit: all or nothing for one shadow ray. Need not be asked for where
-    /// `unoccluded` is zero.
+    /// The part of it that arrives, shadows included, in the same unit: all or nothing for one shadow ray.
+    /// Need not be asked for where `unoccluded` is zero.
     pub arrived: Vec3,
-    /// What a clamp of the host's own took away before, of light that would have arrived; in the same unit. In neither of
-    /// the others. It is only added up, in [`Lit::clamped`].
+    /// What a clamp of the host's own took away before, of light that would have arrived; in the same unit.
+    /// In neither of the others. It is only added up, in [`Lit::clamped`].
     pub lost: Vec3,
 }
 
@@ -37,8 +37,8 @@ impl Transfer {
 pub struct Lit {
     /// RGB radiance towards the viewer, W·m⁻²·sr⁻¹.
     pub radiance: Vec3,
-    /// RGB radiance that clamps took away, [`LightcutParams::clamp`] and the host's own ([`Transfer::lost`]), W·m⁻²·sr⁻¹. The same cut without
-    /// a clamp would have found `radiance + clamped`.
+    /// RGB radiance that clamps took away, [`LightcutParams::clamp`] and the host's own ([`Transfer::lost`]),
+    /// W·m⁻²·sr⁻¹. The same cut without a clamp would have found `radiance + clamped`.
     pub clamped: Vec3,
     /// Bound of the error of the worst node that was left, as luminance, W·m⁻²·sr⁻¹. 0: every node is exact.
     pub worst_error: f32,
@@ -70,9 +70,10 @@ pub struct Scratch(CutSelector<Estimate>);
 impl<T: LightHierarchy> Lightcut<'_, T> {
     /// Radiance of `receiver` by all lights of the tree.
     ///
-    /// `transfer` is the host's: it shades, and it traces the shadow ray. It is asked once per light that comes to speak for a node. `bound` must hold
-    /// for it, or the error is not bounded; [`GeometricBound`](lighttree::GeometricBound) does for any
-    /// [`Receiver`](lighttree::Receiver). Values that are not finite come out in the radiance, where they belong to the host to find.
+    /// `transfer` is the host's: it shades, and it traces the shadow ray. It is asked once per light that
+    /// comes to speak for a node. `bound` must hold for it, or the error is not bounded;
+    /// [`GeometricBound`](lighttree::GeometricBound) does for any [`Receiver`](lighttree::Receiver). Values
+    /// that are not finite come out in the radiance, where they belong to the host to find.
     pub fn shade<R: ?Sized, B: NodeBound<R>>(
         &self,
         receiver: &R,

@@ -206,7 +206,8 @@ fn what_the_clamp_takes_is_counted() {
     assert!(close(clamped.radiance + clamped.clamped, free.radiance, 1e-5));
 }
 
-/// A clamp of the host's own, at any threshold: the cut is another, but what one and the same cut shows and lost is what it would have found.
+/// A clamp of the host's own, at any threshold: the cut is another, but what one and the same cut shows and
+/// lost is what it would have found.
 #[test]
 fn what_the_host_clamps_is_counted() {
     let lamps = Lamps::random(200, 1.0, 8);
@@ -288,7 +289,8 @@ fn representatives_are_chosen_by_intensity() {
     assert!(chi2 < 29.9, "{seen:?}");
 }
 
-/// Every node's representative is a light below it, and a leaf's its own; of equal lights in a row the middle one speaks for all.
+/// Every node's representative is a light below it, and a leaf's its own; of equal lights in a row the middle
+/// one speaks for all.
 #[test]
 fn central_representatives_are_central() {
     let row: Vec<_> = (0..101).map(|i| LightBounds::point(Vec3::X * i as f32, 1.0)).collect();

@@ -1,13 +1,13 @@
 //! How long does it take to build a tree, and how does that compare with sorting alone?
 //!
 //! First a table of best-of-n times, all taken in this run, and their ratios; then criterion's statistics.
-//! `LIGHTTREE_BENCH=table` stops after the table. Lights are small surfaces in the unit cube, fixed seed: 52 bytes
-//! each. The same without extents and directions, 16 bytes each, are the row "points".
+//! `LIGHTTREE_BENCH=table` stops after the table. Lights are small surfaces in the unit cube, fixed seed: 52
+//! bytes each. The same without extents and directions, 16 bytes each, are the row "points".
 //!
-//! The baseline is the radix sort of the perfect tree's own keys, 30 bits of Morton code above 32 bits of light id. The
-//! standard library's unstable sort of the same array stands beside it, to show that the baseline is a fast one.
-//! "first touch" is what no builder can do without: writing 64 bytes a light to memory that the kernel has yet to hand
-//! out, by as many threads as build.
+//! The baseline is the radix sort of the perfect tree's own keys, 30 bits of Morton code above 32 bits of
+//! light id. The standard library's unstable sort of the same array stands beside it, to show that the
+//! baseline is a fast one. "first touch" is what no builder can do without: writing 64 bytes a light to
+//! memory that the kernel has yet to hand out, by as many threads as build.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -54,7 +54,8 @@ fn first_touch(count: usize) -> Vec<[u64; 8]> {
     nodes
 }
 
-/// Keys as the perfect tree sorts them, but for the code, which is random: no sort here looks at more than the bits.
+/// Keys as the perfect tree sorts them, but for the code, which is random: no sort here looks at more than
+/// the bits.
 fn keys(count: usize) -> Vec<u64> {
     let mut random = Random::new(3, 0, 0);
     (0..count as u64).map(|id| u64::from(random.u32() >> 2) << 32 | id).collect()

@@ -1,5 +1,5 @@
-//! Which tree and which way down it is best for a scene? The exact oracle tells, without a single random number: the
-//! relative variance of one sample, which is its relMSE, as a median over receivers.
+//! Which tree and which way down it is best for a scene? The exact oracle tells, without a single random
+//! number: the relative variance of one sample, which is its relMSE, as a median over receivers.
 //!
 //! `cargo run --release -p lighttree --example exact_variance`
 

@@ -16,14 +16,14 @@ use crate::{Emitter, LightTree};
 pub enum BuildMethod {
     /// Object median on the longest axis: Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016.
     Median,
-    /// Binned surface-area-orientation heuristic: Conty Estévez and Kulla, "Importance Sampling of Many Lights with
-    /// Adaptive Tree Splitting", 2018.
+    /// Binned surface-area-orientation heuristic: Conty Estévez and Kulla, "Importance Sampling of Many
+    /// Lights with Adaptive Tree Splitting", 2018.
     Saoh,
-    /// Greedy clustering, nearest first: Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, in the way of
-    /// Walter et al., "Fast Agglomerative Clustering for Rendering", 2008.
+    /// Greedy clustering, nearest first: Walter et al., "Lightcuts: A Scalable Approach to Illumination",
+    /// 2005, in the way of Walter et al., "Fast Agglomerative Clustering for Rendering", 2008.
     Agglomerative,
-    /// Balanced over the lights' Morton order: the clusters of Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020,
-    /// with cones.
+    /// Balanced over the lights' Morton order: the clusters of Lin and Yuksel, "Real-Time Stochastic
+    /// Lightcuts", 2020, with cones.
     Morton,
 }
 
@@ -44,7 +44,8 @@ pub struct BuildParams {
     pub method: BuildMethod,
     /// Most lights in a leaf, at least 1. Lights of one leaf are told apart only by their own bounds.
     pub max_leaf: u32,
-    /// Candidate splits per axis of [`Saoh`](BuildMethod::Saoh), plus one: 2 to 64. Other methods do not look at it.
+    /// Candidate splits per axis of [`Saoh`](BuildMethod::Saoh), plus one: 2 to 64. Other methods do not look
+    /// at it.
     pub bins: u32,
     /// Resolution of the [`Morton`](BuildMethod::Morton) order; other methods do not look at it.
     pub morton_bits: MortonBits,
@@ -56,7 +57,8 @@ impl BuildParams {
         Self { method: BuildMethod::Median, max_leaf: 1, bins: 16, morton_bits: MortonBits::Thirty }
     }
 
-    /// Surface-area-orientation heuristic with 16 bins: tight clusters in position and direction. The default.
+    /// Surface-area-orientation heuristic with 16 bins: tight clusters in position and direction. The
+    /// default.
     pub const fn saoh() -> Self {
         Self { method: BuildMethod::Saoh, ..Self::median() }
     }

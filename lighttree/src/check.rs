@@ -28,7 +28,8 @@ pub enum Malformed {
         /// The node.
         node: NodeId,
     },
-    /// The slots of this node are none, or its children do not split them left to right; or the root's are not all.
+    /// The slots of this node are none, or its children do not split them left to right; or the root's are
+    /// not all.
     Items {
         /// The node.
         node: NodeId,
@@ -103,10 +104,12 @@ impl PerfectTree {
     }
 }
 
-/// Says where a tree over `lights` lights is malformed. Terminates for any tree whose `children` and `bounds` do.
+/// Says where a tree over `lights` lights is malformed. Terminates for any tree whose `children` and `bounds`
+/// do.
 ///
 /// Well formed means: every node is reached once; slots are split left to right; boxes and cones lie within
-/// their parent's; intensities are finite, not negative, and sum up; and the light of every slot is said to be there.
+/// their parent's; intensities are finite, not negative, and sum up; and the light of every slot is said to
+/// be there.
 ///
 /// # Errors
 /// The first damage found.

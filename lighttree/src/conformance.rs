@@ -275,7 +275,8 @@ pub struct RayAgreement {
     pub hits: usize,
     /// Rays that only one of both found a hit for.
     pub hit_or_not: usize,
-    /// Rays that both found a hit for, on different primitives or at distances that differ by more than the tolerance.
+    /// Rays that both found a hit for, on different primitives or at distances that differ by more than the
+    /// tolerance.
     pub elsewhere: usize,
     /// Segments with anything between their ends, by the reference.
     pub blocked: usize,
@@ -290,11 +291,12 @@ impl RayAgreement {
     }
 }
 
-/// A batch of rays against a reference for the same geometry: answers do not depend on how the batch is cut, a hit lies on its
-/// ray with weights of a point of a triangle, and at most `tolerated` rays and segments are answered otherwise. `tolerance` is
-/// the relative error of a distance.
+/// A batch of rays against a reference for the same geometry: answers do not depend on how the batch is cut,
+/// a hit lies on its ray with weights of a point of a triangle, and at most `tolerated` rays and segments are
+/// answered otherwise. `tolerance` is the relative error of a distance.
 ///
-/// Where rays pass edges within rounding two right implementations differ: give as many as the rays that aim there.
+/// Where rays pass edges within rounding two right implementations differ: give as many as the rays that aim
+/// there.
 pub fn check_batch_rays<B: BatchRayQueries, Q: RayQueries>(
     batch: &mut B,
     reference: &Q,

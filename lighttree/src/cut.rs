@@ -28,7 +28,8 @@ pub enum CutError {
         /// The leaf that nothing covers.
         leaf: NodeId,
     },
-    /// This node is out of order, or on a path that another node of the cut covers already, or of another tree.
+    /// This node is out of order, or on a path that another node of the cut covers already, or of another
+    /// tree.
     Overlap {
         /// The node that is too many.
         node: NodeId,
@@ -107,7 +108,8 @@ impl<V> Cut<V> {
         Cut { nodes: self.nodes, values: self.values.into_iter().map(f).collect() }
     }
 
-    /// One round of refinement: every node that `split` names is replaced, in place, by its children. Leaves stay.
+    /// One round of refinement: every node that `split` names is replaced, in place, by its children. Leaves
+    /// stay.
     pub fn refine_where<H: Hierarchy + ?Sized>(
         self,
         tree: &H,
@@ -126,8 +128,8 @@ impl<V> Cut<V> {
         out
     }
 
-    /// The opposite of a split: the adjacent run `at` becomes its common ancestor. The caller sees to it that the
-    /// run is exactly the part of the cut below `ancestor`.
+    /// The opposite of a split: the adjacent run `at` becomes its common ancestor. The caller sees to it that
+    /// the run is exactly the part of the cut below `ancestor`.
     ///
     /// # Panics
     /// If `at` is not within the cut.
@@ -177,8 +179,8 @@ impl<V> Cut<V> {
     }
 }
 
-/// Walks two cuts of one tree together: yields the coarsest cut that is nowhere coarser than either, each node with the index of the
-/// node of `a` and of `b` that covers it.
+/// Walks two cuts of one tree together: yields the coarsest cut that is nowhere coarser than either, each
+/// node with the index of the node of `a` and of `b` that covers it.
 ///
 /// # Panics
 /// The iterator panics where either is not a cut of `tree`.

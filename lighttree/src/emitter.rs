@@ -81,7 +81,8 @@ pub struct SpotLight {
     pub position: Vec3,
     /// Direction of the cone's axis; its length does not matter.
     pub axis: Vec3,
-    /// Angle from the axis up to which the intensity is full, radians; more than `outer_angle` counts as that.
+    /// Angle from the axis up to which the intensity is full, radians; more than `outer_angle` counts as
+    /// that.
     pub inner_angle: f32,
     /// Angle from the axis at which it has fallen to 0, radians, at most π.
     pub outer_angle: f32,

@@ -1,14 +1,14 @@
 //! Light trees, cuts and bounds: the common ground of methods that render with very many lights.
 //!
 //! Every such method ends in the same thing: for each *receiver* a short list of lights and weights whose
-//! weighted sum estimates the sum over all lights, found by way of a *cut* through a hierarchy of lights. This
-//! crate holds exactly what they share. It knows no material, no ray tracer, no GPU and no file format: those
-//! enter as [`Emitter`] (one method), [`Receiver`] (two), [`RayQueries`] and closures.
+//! weighted sum estimates the sum over all lights, found by way of a *cut* through a hierarchy of lights.
+//! This crate holds exactly what they share. It knows no material, no ray tracer, no GPU and no file format:
+//! those enter as [`Emitter`] (one method), [`Receiver`] (two), [`RayQueries`] and closures.
 //!
 //! # Where to begin
 //!
-//! A renderer's lights say their bounds, a tree is built over them, and a sampler draws from it at each point to be lit. Shading and the shadow
-//! ray stay the renderer's.
+//! A renderer's lights say their bounds, a tree is built over them, and a sampler draws from it at each point
+//! to be lit. Shading and the shadow ray stay the renderer's.
 //!
 //! ```
 //! use glam::Vec3;
@@ -49,9 +49,9 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 //!
-//! Less noise, at more price: the crate `stochastic`. No noise: `lightcut`. Faster to build, and half the size, for lights that shine everywhere:
-//! [`PerfectTree`]. How good a tree or a sampler is, without noise: [`oracle`]. Builders use all threads with the feature `parallel`, which is off by
-//! default.
+//! Less noise, at more price: the crate `stochastic`. No noise: `lightcut`. Faster to build, and half the
+//! size, for lights that shine everywhere: [`PerfectTree`]. How good a tree or a sampler is, without noise:
+//! [`oracle`]. Builders use all threads with the feature `parallel`, which is off by default.
 //!
 //! # Conventions
 //!
@@ -59,16 +59,19 @@
 //!
 //! - **Space.** Positions are in world space in the scene's own length unit, whatever it is: nothing in this
 //!   crate holds a length of its own, and scaling a scene by any factor from 1e-18 to 1e18 changes no
-//!   probability. Handedness does not matter. Directions named `axis` or `normal` are unit vectors, and point away from the
-//!   surface or along the emission.
+//!   probability. Handedness does not matter. Directions named `axis` or `normal` are unit vectors, and point
+//!   away from the surface or along the emission.
 //! - **Units.** An emitter's strength is its *peak radiant intensity* in W·sr⁻¹: the most that it sends into
 //!   any direction. A surface of radiance L and area A has intensity L·A. It is a scalar: take the
-//!   largest colour channel where a bound must hold for each channel, a luminance where it only steers a choice.
-//! - **Contribution.** The *contribution* of a light to a receiver is ∫ L · f · cos θ · cos θ′ / d² dA, f the BSDF and θ′ at the light: that is intensity towards
-//!   the receiver × scattering at the receiver × its cosine ÷ squared distance. Visibility is never in it.
-//! - **Bound, importance.** A [`Bound`] holds: no contribution is larger. An *importance* only steers and may be
-//!   wrong in either direction as long as it is positive where the contribution is.
-//! - **pmf, pdf.** A pmf is the probability of a light, dimensionless; a pdf a density, per steradian or area.
+//!   largest colour channel where a bound must hold for each channel, a luminance where it only steers a
+//!   choice.
+//! - **Contribution.** The *contribution* of a light to a receiver is ∫ L · f · cos θ · cos θ′ / d² dA, f the
+//!   BSDF and θ′ at the light: that is intensity towards the receiver × scattering at the receiver × its
+//!   cosine ÷ squared distance. Visibility is never in it.
+//! - **Bound, importance.** A [`Bound`] holds: no contribution is larger. An *importance* only steers and may
+//!   be wrong in either direction as long as it is positive where the contribution is.
+//! - **pmf, pdf.** A pmf is the probability of a light, dimensionless; a pdf a density, per steradian or
+//!   area.
 //! - **Angles** are kept as cosines; where an angle is meant it is in radians.
 //! - **Random numbers** are counter based ([`rng`]): a function of a seed and indices, the same bits for any
 //!   thread count and on a GPU.

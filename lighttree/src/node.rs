@@ -1,13 +1,13 @@
 //! The records a tree is made of, in the layout that a GPU reads.
 //!
-//! [`LightNode`] packs the cone of Conty Estévez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree
-//! Splitting", 2018, into two words; [`PerfectNode`] is the cone-less node of Lin and Yuksel, "Real-Time Stochastic
-//! Lightcuts", 2020, section 4.
+//! [`LightNode`] packs the cone of Conty Estévez and Kulla, "Importance Sampling of Many Lights with Adaptive
+//! Tree Splitting", 2018, into two words; [`PerfectNode`] is the cone-less node of Lin and Yuksel, "Real-Time
+//! Stochastic Lightcuts", 2020, section 4.
 //!
-//! Packing is conservative: boxes are kept to the bit, and the packed cone is wide enough for its own rounding. The
-//! axis is an octahedral vector of 2 × 16 bits (Meyer et al., "On Floating-Point Normal Vectors", 2010); an angle θ
-//! is kept as sin(θ/2), whose steps are even in the angle where cones are narrow, and which needs no
-//! trigonometry to be turned into cos θ = 1 - 2 sin²(θ/2).
+//! Packing is conservative: boxes are kept to the bit, and the packed cone is wide enough for its own
+//! rounding. The axis is an octahedral vector of 2 × 16 bits (Meyer et al., "On Floating-Point Normal
+//! Vectors", 2010); an angle θ is kept as sin(θ/2), whose steps are even in the angle where cones are narrow,
+//! and which needs no trigonometry to be turned into cos θ = 1 - 2 sin²(θ/2).
 
 use core::ops::Range;
 
@@ -42,7 +42,8 @@ pub struct LightNode {
 }
 
 impl LightNode {
-    /// A leaf without lights that has these bounds: the decoded box is `bounds`' own, the decoded cone contains it.
+    /// A leaf without lights that has these bounds: the decoded box is `bounds`' own, the decoded cone
+    /// contains it.
     ///
     /// The axis need not be normalised; cosines must be in their ranges.
     pub fn new(bounds: &LightBounds) -> Self {
@@ -86,8 +87,8 @@ impl LightNode {
     }
 }
 
-/// A node of a [`PerfectTree`](crate::PerfectTree): box, intensity, and one word that leaves and inner nodes use
-/// differently. No cone; children are implied by the node's place.
+/// A node of a [`PerfectTree`](crate::PerfectTree): box, intensity, and one word that leaves and inner nodes
+/// use differently. No cone; children are implied by the node's place.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C, align(16))]
 pub struct PerfectNode {
@@ -98,8 +99,8 @@ pub struct PerfectNode {
     pub intensity: f32,
     /// Largest coordinates of the box.
     pub max: [f32; 3],
-    /// Leaf: the light. Inner node number `n` in storage order: the slot of light `n`, or `u32::MAX` if the tree
-    /// was built without it.
+    /// Leaf: the light. Inner node number `n` in storage order: the slot of light `n`, or `u32::MAX` if the
+    /// tree was built without it.
     pub id: u32,
 }
 
@@ -120,7 +121,8 @@ impl PerfectNode {
     }
 }
 
-/// The two words of a cone: the nearest octahedral axis, and angles rounded up until they hold what that axis lost.
+/// The two words of a cone: the nearest octahedral axis, and angles rounded up until they hold what that axis
+/// lost.
 fn pack_cone(bounds: &LightBounds) -> (u32, u32) {
     let axis = encode_axis(bounds.axis);
     let theta_o = encode_theta_o(widened_cos(bounds, decode_axis(axis)));

@@ -1,8 +1,8 @@
-//! One thread or many, the same bits: what the builders of this crate and of those on top of it do at the same time with the feature `parallel`, and one after
-//! another without.
+//! One thread or many, the same bits: what the builders of this crate and of those on top of it do at the
+//! same time with the feature `parallel`, and one after another without.
 //!
-//! Results come in the order of the work, so they depend neither on the number of threads nor on the feature, as long as the closures look at nothing
-//! but what they are given.
+//! Results come in the order of the work, so they depend neither on the number of threads nor on the feature,
+//! as long as the closures look at nothing but what they are given.
 
 use bytemuck::{Zeroable, zeroed_vec};
 
@@ -57,8 +57,8 @@ pub fn sort<T: Ord + Send>(items: &mut [T]) {
     items.sort_unstable();
 }
 
-/// Makes it so long, of whatever is there and of zeros: for those who overwrite all of it. New memory comes zeroed from the allocator, and is first touched by
-/// whoever fills it.
+/// Makes it so long, of whatever is there and of zeros: for those who overwrite all of it. New memory comes
+/// zeroed from the allocator, and is first touched by whoever fills it.
 pub(crate) fn resize<T: Zeroable + Clone>(items: &mut Vec<T>, len: usize) {
     if items.capacity() < len {
         *items = zeroed_vec(len);

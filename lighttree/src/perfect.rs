@@ -1,12 +1,12 @@
 //! The perfect binary tree over a Morton order, without cones.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4: one light to a leaf, as many levels as the next
-//! power of two needs, children implied by the parent's id, 32 bytes a node.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4: one light to a leaf, as many levels as
+//! the next power of two needs, children implied by the parent's id, 32 bytes a node.
 //!
-//! Differs from the paper: leaves that would be bogus are not stored. The real nodes of every level come first,
-//! so level by level only that prefix is kept; a node at the end of its level may have one child. Equal Morton keys
-//! are ordered by light id. The way from a light to its slot is kept in the word that the paper leaves unused in
-//! inner nodes.
+//! Differs from the paper: leaves that would be bogus are not stored. The real nodes of every level come
+//! first, so level by level only that prefix is kept; a node at the end of its level may have one child.
+//! Equal Morton keys are ordered by light id. The way from a light to its slot is kept in the word that the
+//! paper leaves unused in inner nodes.
 
 use core::ops::Range;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -23,8 +23,8 @@ use crate::{
 
 /// A perfect binary tree over lights in Morton order. Built in linear time; its nodes know no directions.
 ///
-/// Ids are those of a binary heap: the root is 1, the children of `i` are `2i` and `2i + 1`. At most 64 bytes a
-/// light.
+/// Ids are those of a binary heap: the root is 1, the children of `i` are `2i` and `2i + 1`. At most 64 bytes
+/// a light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PerfectTree {
     /// The levels one after the other, the root's first.
@@ -41,7 +41,8 @@ pub struct PerfectTree {
     unit: f64,
 }
 
-/// Memory of [`PerfectTree::rebuild`], reused from frame to frame: 20 bytes a light with keys of 30 bits, 36 with keys of 63.
+/// Memory of [`PerfectTree::rebuild`], reused from frame to frame: 20 bytes a light with keys of 30 bits, 36
+/// with keys of 63.
 #[derive(Debug, Default)]
 pub struct PerfectScratch {
     narrow: Keys<u64>,
@@ -63,7 +64,8 @@ impl Default for PerfectTree {
     }
 }
 
-/// Subtrees of at most this many levels are built by one thread, level after level while they are in its cache.
+/// Subtrees of at most this many levels are built by one thread, level after level while they are in its
+/// cache.
 const SERIAL_LEVELS: usize = 11;
 
 impl PerfectTree {
@@ -79,11 +81,12 @@ impl PerfectTree {
         Ok(tree)
     }
 
-    /// Builds anew, in this tree's memory and with that of `scratch`: for lights that move, appear and go from frame to frame. The same bits as
-    /// [`build`](Self::build) makes, whatever was there before.
+    /// Builds anew, in this tree's memory and with that of `scratch`: for lights that move, appear and go
+    /// from frame to frame. The same bits as [`build`](Self::build) makes, whatever was there before.
     ///
-    /// The memory of a new tree of 10⁶ lights takes about as long to be handed out by the kernel as half of the work takes; here nothing is allocated but for a few
-    /// lists of parts, unless there are more lights than ever before.
+    /// The memory of a new tree of 10⁶ lights takes about as long to be handed out by the kernel as half of
+    /// the work takes; here nothing is allocated but for a few lists of parts, unless there are more lights
+    /// than ever before.
     ///
     /// # Errors
     /// See [`BuildError`]: the first light, by index, that cannot be used. The tree is then as it was.
@@ -192,8 +195,9 @@ impl PerfectTree {
         self.dropped
     }
 
-    /// What one unit of a node's intensity stands for, W·sr⁻¹: 1, unless the sum over all lights might not be finite in
-    /// f32; then a power of two. Ratios of intensities need not care; true bounds are multiplied by it.
+    /// What one unit of a node's intensity stands for, W·sr⁻¹: 1, unless the sum over all lights might not be
+    /// finite in f32; then a power of two. Ratios of intensities need not care; true bounds are multiplied by
+    /// it.
     pub fn intensity_unit(&self) -> f64 {
         self.unit
     }

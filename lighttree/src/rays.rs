@@ -39,8 +39,9 @@ pub struct RayHit {
 
 /// The questions that shadow rays, particles and gather rays ask of a host's geometry.
 ///
-/// Only the first two have to be written. The rest are the same questions for many rays at once, with defaults; a
-/// host overrides those that it can answer faster. Answers must not depend on which of them was asked.
+/// Only the first two have to be written. The rest are the same questions for many rays at once, with
+/// defaults; a host overrides those that it can answer faster. Answers must not depend on which of them was
+/// asked.
 pub trait RayQueries {
     /// Memory for a traversal, reused from query to query: one per thread.
     type Scratch: Default + Send;
@@ -83,7 +84,8 @@ pub trait RayQueries {
     /// The value of `blocker` where nothing is known yet.
     const NO_BLOCKER: u32 = u32::MAX;
 
-    /// [`occluded`](Self::occluded) of the segments from one point, a light as a rule, to many near one another.
+    /// [`occluded`](Self::occluded) of the segments from one point, a light as a rule, to many near one
+    /// another.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -135,11 +137,12 @@ impl<Q: RayQueries> RayQueries for &Q {
     }
 }
 
-/// Many rays at once: CPU threads or one dispatch. What [`BatchLightSampler`](crate::BatchLightSampler) is to lights.
+/// Many rays at once: CPU threads or one dispatch. What [`BatchLightSampler`](crate::BatchLightSampler) is to
+/// lights.
 ///
-/// Contract: the answers are those of [`RayQueries`] for the same geometry, ray by ray, and do not depend on how a batch is
-/// cut. An implementation whose arithmetic differs in rounding may differ where a ray passes an edge within rounding;
-/// `conformance::check_batch_rays` counts such rays.
+/// Contract: the answers are those of [`RayQueries`] for the same geometry, ray by ray, and do not depend on
+/// how a batch is cut. An implementation whose arithmetic differs in rounding may differ where a ray passes
+/// an edge within rounding; `conformance::check_batch_rays` counts such rays.
 pub trait BatchRayQueries {
     /// What can go wrong on the way; [`Infallible`] on a CPU.
     type Error: core::error::Error;

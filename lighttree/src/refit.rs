@@ -1,7 +1,8 @@
 //! New bounds for lights that moved or changed, in the same tree.
 //!
-//! Bounds come from the same two functions that the builders use, so a refit tree has the very bits that building the
-//! same topology anew would give. Clusters that have drifted apart make looser bounds, never wrong ones.
+//! Bounds come from the same two functions that the builders use, so a refit tree has the very bits that
+//! building the same topology anew would give. Clusters that have drifted apart make looser bounds, never
+//! wrong ones.
 
 use crate::build::{BuildError, emit, survey};
 use crate::{Emitter, LightHierarchy, LightId, LightNode, LightTree, PerfectTree};
@@ -66,7 +67,8 @@ fn survey_again<E: Emitter + Sync>(
 }
 
 impl LightTree {
-    /// Takes the bounds of all lights anew and keeps the topology; a light that went out stays, with intensity 0.
+    /// Takes the bounds of all lights anew and keeps the topology; a light that went out stays, with
+    /// intensity 0.
     ///
     /// # Errors
     /// See [`RefitError`]; the tree is unchanged then.
@@ -91,7 +93,8 @@ impl LightTree {
 }
 
 impl PerfectTree {
-    /// Takes the bounds of all lights anew and keeps the topology; a light that went out stays, with intensity 0.
+    /// Takes the bounds of all lights anew and keeps the topology; a light that went out stays, with
+    /// intensity 0.
     ///
     /// # Errors
     /// See [`RefitError`]; the tree is unchanged then.

@@ -128,8 +128,8 @@ impl Decisions {
         Self { value: first, last: u64::MAX, fresh: stream }
     }
 
-    /// Starts anew with a number of the caller's, as [`starting_with`](Self::starting_with) does, and goes on with the same stream: cheaper than
-    /// to take the stream out and put it into another.
+    /// Starts anew with a number of the caller's, as [`starting_with`](Self::starting_with) does, and goes on
+    /// with the same stream: cheaper than to take the stream out and put it into another.
     #[inline]
     pub const fn restart(&mut self, first: u64) {
         self.value = first;
@@ -206,11 +206,12 @@ impl Decisions {
         }
     }
 
-    /// One of `n` by their cumulative probabilities in 2^-31s: `n + 1` numbers that never fall, from 0 to 2^31. Keeps the
-    /// order as [`choose`](Self::choose) does; what is drawn has a positive probability, and exactly that one.
+    /// One of `n` by their cumulative probabilities in 2^-31s: `n + 1` numbers that never fall, from 0 to
+    /// 2^31. Keeps the order as [`choose`](Self::choose) does; what is drawn has a positive probability, and
+    /// exactly that one.
     ///
-    /// To the bit: if anything was consumed, `value` is the next two words first. Entry `i` covers the values from
-    /// `cumulative[i] · 2^33` up to the next entry's; then `value` and `last` are relative to that.
+    /// To the bit: if anything was consumed, `value` is the next two words first. Entry `i` covers the values
+    /// from `cumulative[i] · 2^33` up to the next entry's; then `value` and `last` are relative to that.
     ///
     /// # Panics
     /// If the numbers do not begin with 0 and end with 2^31.
@@ -249,7 +250,8 @@ impl Decisions {
     }
 }
 
-/// `whole` and `part` of a choice with probability `first / 2^32` among `0..=last`; see [`Decisions`]. `whole` is at most `last`.
+/// `whole` and `part` of a choice with probability `first / 2^32` among `0..=last`; see [`Decisions`].
+/// `whole` is at most `last`.
 #[inline]
 pub(crate) fn split(last: u64, first: u32) -> (u64, u32) {
     // (last + 1) · first, with one multiplication.
@@ -257,8 +259,8 @@ pub(crate) fn split(last: u64, first: u32) -> (u64, u32) {
     ((split >> 32) as u64, split as u32)
 }
 
-/// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor`, and as far
-/// below certain (2^32, which does not fit) or by 1. NaN counts as 1/2.
+/// A probability as a number of 2^-32s, as [`Decisions::choose`] takes it: rounded, but at least `floor`, and
+/// as far below certain (2^32, which does not fit) or by 1. NaN counts as 1/2.
 ///
 /// # Panics
 /// If `floor` is above 2^31: no number is that far from both ends.
@@ -294,7 +296,8 @@ mod tests {
     const PINNED_WORDS: [u32; 4] = [908_250_390, 4_044_648_920, 3_775_961_919, 45_698_095];
     const PINNED_TURNS: u64 = 2_308_253_720_413_524_496;
 
-    /// The decoder against the same rule in words of 32 bits with carries by hand, as a shader has to write it.
+    /// The decoder against the same rule in words of 32 bits with carries by hand, as a shader has to write
+    /// it.
     #[test]
     fn decisions_can_be_had_from_32_bit_words() {
         let mut ours = Decisions::new(Random::new(9, 9, 9));

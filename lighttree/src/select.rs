@@ -1,8 +1,8 @@
 //! Worst-first refinement: from the root down until no node of the cut has more error than is tolerated.
 //!
-//! Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, section 4: a heap ordered by error bound.
-//! Lin and Yuksel's cut of a fixed size ("Real-Time Stochastic Lightcuts", 2020, section 3) is the same with a tolerance
-//! of zero.
+//! Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, section 4: a heap ordered by error
+//! bound. Lin and Yuksel's cut of a fixed size ("Real-Time Stochastic Lightcuts", 2020, section 3) is the
+//! same with a tolerance of zero.
 
 use core::{cmp::Reverse, ops::Range};
 use std::collections::BinaryHeap;
@@ -11,14 +11,15 @@ use crate::{Cut, ItemRanges, NodeId};
 
 /// How a cut is refined: nodes enter and nodes leave, until none has more error than is tolerated.
 ///
-/// Enter and leave rather than a priority, because the tolerance may depend on the cut as a whole: a lightcut compares
-/// each error with the running total.
+/// Enter and leave rather than a priority, because the tolerance may depend on the cut as a whole: a lightcut
+/// compares each error with the running total.
 pub trait CutPolicy {
     /// What the cut keeps for each node.
     type Value;
 
-    /// A node joins the cut; `parent` is the value of the node it was split from, `None` for the root. Returns its value and
-    /// the error it leaves: not negative, not NaN, 0 for exact; infinite for "split in any case".
+    /// A node joins the cut; `parent` is the value of the node it was split from, `None` for the root.
+    /// Returns its value and the error it leaves: not negative, not NaN, 0 for exact; infinite for "split in
+    /// any case".
     fn enter(&mut self, node: NodeId, parent: Option<&Self::Value>) -> (Self::Value, f64);
 
     /// A node leaves the cut, and its children are about to enter.
@@ -47,11 +48,11 @@ impl<V> Default for CutSelector<V> {
 
 impl<V> CutSelector<V> {
     /// Refines from the root, always the node of the largest error (ties: the lowest id), until that error is
-    /// tolerated, the node is a leaf, or its children would not fit into `max_nodes`. The root is always there,
-    /// also for `max_nodes` 0.
+    /// tolerated, the node is a leaf, or its children would not fit into `max_nodes`. The root is always
+    /// there, also for `max_nodes` 0.
     ///
-    /// Cost: one [`enter`](CutPolicy::enter) per node visited, which is less than twice the cut in a binary tree,
-    /// plus O(log n) each.
+    /// Cost: one [`enter`](CutPolicy::enter) per node visited, which is less than twice the cut in a binary
+    /// tree, plus O(log n) each.
     pub fn refine<T, P>(&mut self, tree: &T, policy: &mut P, max_nodes: usize)
     where
         T: ItemRanges + ?Sized,
@@ -132,7 +133,8 @@ where
     cut
 }
 
-/// Ordered by error, then by node from high to low: bits of non-negative floats order as they do, in one comparison of integers.
+/// Ordered by error, then by node from high to low: bits of non-negative floats order as they do, in one
+/// comparison of integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Entry {
     error_bits: u64,

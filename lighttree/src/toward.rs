@@ -91,7 +91,8 @@ impl Toward {
         self.largest_cos(axis, squared).unwrap_or_else(|| self.walter_cos(axis, highest)).min(1.0)
     }
 
-    /// Cosine between the unit vector `axis` and the direction to the centre of the box; 0 where that is the receiver.
+    /// Cosine between the unit vector `axis` and the direction to the centre of the box; 0 where that is the
+    /// receiver.
     #[inline]
     pub fn center_cos(&self, axis: DVec3) -> f64 {
         axis.dot((self.low + self.high).normalize_or_zero())

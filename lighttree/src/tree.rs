@@ -10,8 +10,8 @@ use crate::{
 ///
 /// - Node 0 is the root. Children are adjacent, and come after their parent.
 /// - The lights below a node are one range of slots, which its children split left to right.
-/// - A node's box and cone contain its children's, as decoded; its intensity is the f32 sum of theirs, which after `d`
-///   levels is within d × 2⁻²⁴ of the exact one: 24 ulp for 16 million lights in a balanced tree.
+/// - A node's box and cone contain its children's, as decoded; its intensity is the f32 sum of theirs, which
+///   after `d` levels is within d × 2⁻²⁴ of the exact one: 24 ulp for 16 million lights in a balanced tree.
 /// - No leaf is deeper than 64.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightTree {
@@ -67,8 +67,9 @@ impl LightTree {
         self.slot_of.len() - self.slots.len()
     }
 
-    /// What one unit of a node's intensity stands for, W·sr⁻¹: 1, unless the sum over all lights might not be finite in
-    /// f32; then a power of two. Ratios of intensities need not care; true bounds are multiplied by it.
+    /// What one unit of a node's intensity stands for, W·sr⁻¹: 1, unless the sum over all lights might not be
+    /// finite in f32; then a power of two. Ratios of intensities need not care; true bounds are multiplied by
+    /// it.
     pub fn intensity_unit(&self) -> f64 {
         self.unit
     }

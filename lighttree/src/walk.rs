@@ -7,9 +7,9 @@
 //! Differs from them:
 //! - The reflectance is the receiver's own ([`Receiver::scatter_importance`]), not only a cosine, and
 //!   emission counts.
-//! - Two children are weighed together in f32, with lengths scaled by a power of two, and what f32 cannot tell
-//!   is asked again in f64 (`walk/pair.rs`): no product over- or underflows, whatever the scale. Squared distances are at least
-//!   (2^-20 of the root's diagonal)², so that lights at the receiver leave no 0/0.
+//! - Two children are weighed together in f32, with lengths scaled by a power of two, and what f32 cannot
+//!   tell is asked again in f64 (`walk/pair.rs`): no product over- or underflows, whatever the scale. Squared
+//!   distances are at least (2^-20 of the root's diagonal)², so that lights at the receiver leave no 0/0.
 //! - While both children may contribute, neither is less probable than 2^-16: whatever the weights get wrong
 //!   costs variance, not bias.
 //! - Probabilities are rounded to multiples of 2^-32 before they are used, and [`pmf`](LightSampler::pmf)
@@ -110,7 +110,8 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         receiver: &(impl Receiver + ?Sized),
         random: &mut Decisions,
     ) -> (Option<LightSample>, u32) {
-        // No step enters what has no intensity, but a walk may begin there: at a cut's node all of whose lights are switched off.
+        // No step enters what has no intensity, but a walk may begin there: at a cut's node all of whose
+        // lights are switched off.
         if self.tree.bounds(node).intensity == 0.0 {
             return (None, 0);
         }
@@ -160,8 +161,8 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         (Some(LightSample { light: self.tree.light_at(slot), pmf }), visited)
     }
 
-    /// [`pmf`](LightSampler::pmf) within the subtree below `node`: what [`sample_below`](Self::sample_below) reports. 0 for a light
-    /// that is not there.
+    /// [`pmf`](LightSampler::pmf) within the subtree below `node`: what [`sample_below`](Self::sample_below)
+    /// reports. 0 for a light that is not there.
     pub fn pmf_below(&self, node: NodeId, receiver: &(impl Receiver + ?Sized), light: LightId) -> f64 {
         let Some(slot) = self.tree.slot_of(light).filter(|slot| self.tree.items(node).contains(slot)) else {
             return 0.0;

@@ -257,7 +257,8 @@ fn same_bits_for_any_thread_count() {
     }
 }
 
-/// Frame after frame in the same memory: more lights and fewer, dark ones among them, none, one that cannot be used.
+/// Frame after frame in the same memory: more lights and fewer, dark ones among them, none, one that cannot
+/// be used.
 #[test]
 fn rebuilt_is_as_built() {
     for bits in BITS {

@@ -1,4 +1,5 @@
-//! Peak memory of building a perfect tree over ten million lights. Alone in its program, so that nobody else allocates.
+//! Peak memory of building a perfect tree over ten million lights. Alone in its program, so that nobody else
+//! allocates.
 
 use glam::Vec3;
 use lighttree::rng::pcg4d;

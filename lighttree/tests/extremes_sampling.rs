@@ -1,4 +1,5 @@
-//! Samplers at the edges of what numbers can hold. The cases keep the numbers of the project's list of extremes.
+//! Samplers at the edges of what numbers can hold. The cases keep the numbers of the project's list of
+//! extremes.
 
 mod common;
 
@@ -110,9 +111,10 @@ fn smallest_and_largest_random_number_stay_in_range() {
     }
 }
 
-/// E14: numbers on an even grid of 2^24 reach the leaves of 2^20 lights as often as their probability says, to
-/// within one number each, which f32 numbers could not. Seen through windows of the grid: neighbouring numbers
-/// lead to neighbouring leaves, so all but the outermost lights of a window are drawn as often as in the whole.
+/// E14: numbers on an even grid of 2^24 reach the leaves of 2^20 lights as often as their probability says,
+/// to within one number each, which f32 numbers could not. Seen through windows of the grid: neighbouring
+/// numbers lead to neighbouring leaves, so all but the outermost lights of a window are drawn as often as in
+/// the whole.
 #[test]
 fn evenly_spaced_numbers_reach_every_leaf_in_proportion() {
     let lights = scattered(1 << 20);
@@ -269,7 +271,8 @@ proptest! {
         }
     }
 
-    /// E6: the same probabilities at any scale; at powers of two, where nothing is rounded anew, to the last digits.
+    /// E6: the same probabilities at any scale; at powers of two, where nothing is rounded anew, to the last
+    /// digits.
     #[test]
     fn scale_changes_no_probability(
         lights in strategies::lights(2..20),

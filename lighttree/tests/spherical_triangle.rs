@@ -152,7 +152,8 @@ fn points_are_uniform_in_solid_angle() {
     assert!(p_value(near, Vec3::ZERO, by_area) < 1e-4);
 }
 
-/// Corners and a receiver of all kinds: near, far, slivers, on a lattice (so in planes and on edges), at any scale.
+/// Corners and a receiver of all kinds: near, far, slivers, on a lattice (so in planes and on edges), at any
+/// scale.
 fn anything() -> impl Strategy<Value = ([Vec3; 3], Vec3)> {
     let coordinate = || prop_oneof![3 => -1.0f32..1.0, 1 => (-2i8..=2).prop_map(|i| f32::from(i) * 0.5)];
     let point = move || prop::array::uniform3(coordinate()).prop_map(Vec3::from);
@@ -203,7 +204,8 @@ proptest! {
 proptest! {
     #![proptest_config(config(300))]
 
-    /// The mean of (area per steradian) × solid angle is the area: the density that is reported is the one that was used.
+    /// The mean of (area per steradian) × solid angle is the area: the density that is reported is the one
+    /// that was used.
     #[test]
     fn the_density_is_the_one_reported((corners, receiver) in anything()) {
         let Some(triangle) = SphericalTriangle::new(corners, receiver) else { return Ok(()) };
@@ -221,7 +223,8 @@ proptest! {
         let mut mean = 0.0;
         for i in 0..N * N {
             let [u, root] = [i % N, i / N].map(|k| (f64::from(k) + 0.5) / f64::from(N));
-            // The second number squared: the way from a corner goes with its root, which the midpoint rule does badly on.
+            // The second number squared: the way from a corner goes with its root, which the midpoint rule
+            // does badly on.
             let p = at(corners, triangle.sample([u, root * root])) - receiver.as_dvec3();
             mean += 2.0 * root * p.length().powi(3) / area_vector.dot(p).abs() / f64::from(N * N);
         }

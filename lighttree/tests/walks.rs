@@ -64,8 +64,8 @@ fn first_number(stream: &mut Random, k: u64, n: u64) -> u64 {
     k * stratum + ((u128::from(stream.u64()) * u128::from(stratum)) >> 64) as u64
 }
 
-/// The same lights and probabilities as walks one by one, as long as the first numbers last; rows that do not depend on
-/// the rest of the batch, nor on what the memory held before.
+/// The same lights and probabilities as walks one by one, as long as the first numbers last; rows that do not
+/// depend on the rest of the batch, nor on what the memory held before.
 fn same_as_alone<T: LightHierarchy, R: Receiver>(sampler: &TreeSampler<'_, T>, receivers: &[R], n: usize) {
     let mut walks = Walks::default();
     let mut out = vec![None; receivers.len() * n];
@@ -202,8 +202,8 @@ fn empty_batches_are_empty() {
     assert_eq!(sampler.sample_each::<LambertReceiver>(&[], &mut [], &mut walks, &mut []), 0);
 }
 
-/// E22 for samples drawn together, which share strata but each for itself have the tree's probabilities: chi² of a million
-/// draws of each stratum's union.
+/// E22 for samples drawn together, which share strata but each for itself have the tree's probabilities: chi²
+/// of a million draws of each stratum's union.
 #[test]
 fn samples_together_have_the_probabilities_that_they_report() {
     let lights = lights(300);

@@ -1,7 +1,9 @@
-//! What building a map of ten million photons costs, and what a look-up in a cut costs against the nearest photons.
+//! What building a map of ten million photons costs, and what a look-up in a cut costs against the nearest
+//! photons.
 //!
-//! CPU time of the best of a few rounds, since other work on the machine only adds to it; building on two threads is wall-clock time, and needs a quiet machine.
-//! Bars: 4 seconds and 64 bytes a photon; a cut's look-up 10 times cheaper at 4,000 to 8,000 nodes.
+//! CPU time of the best of a few rounds, since other work on the machine only adds to it; building on two
+//! threads is wall-clock time, and needs a quiet machine. Bars: 4 seconds and 64 bytes a photon; a cut's
+//! look-up 10 times cheaper at 4,000 to 8,000 nodes.
 
 #[path = "../tests/common/mod.rs"]
 mod common;

@@ -1,5 +1,6 @@
-//! Indirect light in another renderer: its own room and rays, photons by a walk of its own, and final gather at two hundred places that `clustering`
-//! chooses. Checks the light of all pixels' places against path tracing. Where to gather is anybody's choice; `photoncut` doesn't know the other crate.
+//! Indirect light in another renderer: its own room and rays, photons by a walk of its own, and final gather
+//! at two hundred places that `clustering` chooses. Checks the light of all pixels' places against path
+//! tracing. Where to gather is anybody's choice; `photoncut` doesn't know the other crate.
 
 use core::f32::consts::{FRAC_1_PI, PI, TAU};
 

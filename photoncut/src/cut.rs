@@ -1,11 +1,13 @@
 //! The illumination cut: a few thousand nodes that stand for all photons.
 //!
 //! Wang et al. 2009, section 3.3. Two ways to choose the nodes:
-//! - [`IlluminationCut::of_size`] (not in the paper): always the brightest node is split, until there are exactly as many as asked for. With photons of
-//!   like power each node then holds about as many of them, so every node is about as noisy as the next.
-//! - [`IlluminationCut::as_published`]: nodes whose rough irradiance is above the mean of one level; then rounds in which nodes whose rough and accurate
-//!   irradiance differ are split. Taken word for word it runs away: leaves of single photons have a huge rough irradiance. So leaves are taken
-//!   to hold photons ÷ size of them here, and a node is in the first cut if it is selected or something below it is.
+//! - [`IlluminationCut::of_size`] (not in the paper): always the brightest node is split, until there are
+//!   exactly as many as asked for. With photons of like power each node then holds about as many of them, so
+//!   every node is about as noisy as the next.
+//! - [`IlluminationCut::as_published`]: nodes whose rough irradiance is above the mean of one level; then
+//!   rounds in which nodes whose rough and accurate irradiance differ are split. Taken word for word it runs
+//!   away: leaves of single photons have a huge rough irradiance. So leaves are taken to hold photons ÷ size
+//!   of them here, and a node is in the first cut if it is selected or something below it is.
 //!
 //! Both are valid cuts by construction: nodes are only ever replaced by their children.
 
@@ -18,10 +20,12 @@ use crate::{DensityParams, PhotonMap, PhotonScratch};
 /// When a node of the published refinement is split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Split {
-    /// Where accurate and rough irradiance differ by more than this times the rough one: 1.2 in the paper. Never where the rough one is
-    /// the larger by less than 1.2 times itself, that is, in practice, never where it is too large.
+    /// Where accurate and rough irradiance differ by more than this times the rough one: 1.2 in the paper.
+    /// Never where the rough one is the larger by less than 1.2 times itself, that is, in practice, never
+    /// where it is too large.
     Difference(f32),
-    /// Where the larger of both is more than this times the smaller: 2.2 is the paper's upward, and the same downward.
+    /// Where the larger of both is more than this times the smaller: 2.2 is the paper's upward, and the same
+    /// downward.
     Ratio(f32),
 }
 
@@ -39,8 +43,9 @@ impl Split {
 pub struct CutSample {
     /// World-space centre of the node's box.
     pub position: Vec3,
-    /// How far it reaches: the longest side of the node's box, at least half the distance that its own density estimate reached. All of that distance would
-    /// give samples that are dark by chance more say than bright ones: 2 % of the light.
+    /// How far it reaches: the longest side of the node's box, at least half the distance that its own
+    /// density estimate reached. All of that distance would give samples that are dark by chance more say
+    /// than bright ones: 2 % of the light.
     pub radius: f32,
     /// Unit mean normal of the node's photons.
     pub normal: Vec3,
@@ -83,8 +88,8 @@ impl IlluminationCut {
         Self::with_samples(map, &cut, density, 0)
     }
 
-    /// The paper's cut: a coarse one of about `size` nodes, and at most `rounds` (3 to 5 in the paper) of refinement. How many nodes it ends
-    /// up with is not known before.
+    /// The paper's cut: a coarse one of about `size` nodes, and at most `rounds` (3 to 5 in the paper) of
+    /// refinement. How many nodes it ends up with is not known before.
     pub fn as_published(
         map: &PhotonMap,
         size: usize,
@@ -227,8 +232,9 @@ fn coarse(map: &PhotonMap, size: usize, bucket: usize) -> Cut {
     Cut::from_parts(nodes, values)
 }
 
-/// The accurate irradiance of a node, at the centre of its box. Not at the mean of its photons: that is where they lie densest by chance, and reads 2 to 3 %
-/// too bright. Nodes are flat where it matters, so that it lies on the surface.
+/// The accurate irradiance of a node, at the centre of its box. Not at the mean of its photons: that is where
+/// they lie densest by chance, and reads 2 to 3 % too bright. Nodes are flat where it matters, so that it
+/// lies on the surface.
 fn sample(map: &PhotonMap, node: NodeId, density: &DensityParams, scratch: &mut PhotonScratch) -> CutSample {
     let bounds = map.node(node);
     let position = 0.5 * bounds.min() + 0.5 * bounds.max();

@@ -1,10 +1,12 @@
 //! Irradiance from how densely photons lie.
 //!
-//! Jensen, "Realistic Image Synthesis Using Photon Mapping", 2001, chapter 7: the power of the nearest photons over the area that they lie on. Their cosine is not asked for:
-//! it is in the density already (Wang et al. 2009, equation 3, has it, for an estimate that only steers).
+//! Jensen, "Realistic Image Synthesis Using Photon Mapping", 2001, chapter 7: the power of the nearest
+//! photons over the area that they lie on. Their cosine is not asked for: it is in the density already (Wang
+//! et al. 2009, equation 3, has it, for an estimate that only steers).
 //!
-//! Differs from Jensen: the farthest photon only says how far the search went, and its power does not count, which would be one photon too much
-//! in each estimate; and the area is that of the photons' convex hull by default, so that edges and corners do not darken.
+//! Differs from Jensen: the farthest photon only says how far the search went, and its power does not count,
+//! which would be one photon too much in each estimate; and the area is that of the photons' convex hull by
+//! default, so that edges and corners do not darken.
 
 use glam::{Vec2, Vec3};
 
@@ -14,9 +16,11 @@ use crate::{Facing, PhotonMap, PhotonScratch};
 /// What counts as the area that photons lie on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Area {
-    /// That of their convex hull in the surface's plane, with the power of those inside it: what is on the hull itself only marks it. For evenly lit
-    /// flat surfaces of any convex outline this is exact in the mean, at edges and in corners too (Efron, "The Convex Hull of a Random Set of
-    /// Points", 1965: given the hull, the others are spread evenly inside). Fewer than 16 photons, or photons in a line: as [`Disk`](Self::Disk).
+    /// That of their convex hull in the surface's plane, with the power of those inside it: what is on the
+    /// hull itself only marks it. For evenly lit flat surfaces of any convex outline this is exact in the
+    /// mean, at edges and in corners too (Efron, "The Convex Hull of a Random Set of Points", 1965: given the
+    /// hull, the others are spread evenly inside). Fewer than 16 photons, or photons in a line: as
+    /// [`Disk`](Self::Disk).
     #[default]
     Hull,
     /// The disk that the search covered. Simple; too dark near edges, where part of the disk has no surface.
@@ -26,7 +30,8 @@ pub enum Area {
 /// How irradiance is estimated. Any values may be set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DensityParams {
-    /// Photons that are looked for, at least 2. More blur more, and are less noisy: relative noise is about 1/√nearest.
+    /// Photons that are looked for, at least 2. More blur more, and are less noisy: relative noise is about
+    /// 1/√nearest.
     pub nearest: usize,
     /// None farther away than this, in the scene's length unit; infinite: any distance.
     pub max_radius: f32,
@@ -37,7 +42,8 @@ pub struct DensityParams {
 }
 
 impl DensityParams {
-    /// The `nearest` photons, wherever they are, over their hull; what lies off the surface counts as 1.5 times as far.
+    /// The `nearest` photons, wherever they are, over their hull; what lies off the surface counts as 1.5
+    /// times as far.
     pub const fn nearest(nearest: usize) -> Self {
         Self { nearest, max_radius: f32::INFINITY, area: Area::Hull, flatten: 1.5 }
     }
@@ -48,7 +54,8 @@ impl DensityParams {
 pub struct Density {
     /// W·m⁻² per channel.
     pub irradiance: Vec3,
-    /// How far the photons lie apart from the point at most, in the scene's length unit; 0 where there are none.
+    /// How far the photons lie apart from the point at most, in the scene's length unit; 0 where there are
+    /// none.
     pub radius: f32,
     /// Photons found.
     pub photons: usize,
@@ -58,7 +65,8 @@ pub struct Density {
 const MIN_HULL: usize = 16;
 
 impl PhotonMap {
-    /// Irradiance of a surface at `point` that faces `normal`. Zero where there are no photons; finite, always.
+    /// Irradiance of a surface at `point` that faces `normal`. Zero where there are no photons; finite,
+    /// always.
     pub fn irradiance(
         &self,
         point: Vec3,
@@ -69,8 +77,8 @@ impl PhotonMap {
         self.estimate(point, normal, params, scratch, |_| Vec3::ONE)
     }
 
-    /// The same, each photon's power times what `weigh` makes of the unit direction that it came from: with a BRDF in place of 1, radiance that is
-    /// reflected.
+    /// The same, each photon's power times what `weigh` makes of the unit direction that it came from: with a
+    /// BRDF in place of 1, radiance that is reflected.
     pub fn estimate(
         &self,
         point: Vec3,
@@ -130,7 +138,8 @@ impl PhotonMap {
     }
 }
 
-/// Andrew's monotone chain, 1979: sorts `points`, leaves the places of the corners in `hull`, and returns the area.
+/// Andrew's monotone chain, 1979: sorts `points`, leaves the places of the corners in `hull`, and returns the
+/// area.
 fn convex_hull(points: &mut [(f32, f32, u32)], hull: &mut Vec<u32>) -> f32 {
     points.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
     let at = |place: u32| Vec2::new(points[place as usize].0, points[place as usize].1);

@@ -1,10 +1,13 @@
-//! Final gather at one point: rays spread by a lattice over the cosine or over a guide's density, and what follows from them.
+//! Final gather at one point: rays spread by a lattice over the cosine or over a guide's density, and what
+//! follows from them.
 //!
-//! Ward, Rubinstein and Clear, "A Ray Tracing Solution for Diffuse Interreflection", 1988; gradients: Ward and Heckbert, "Irradiance Gradients", 1992, section 3.
-//! Differs from the paper for which this is (Wang et al. 2009): rays are a lattice of rank 1 by the golden ratio, with a shift of its own for each point (Cranley and Patterson,
-//! "Randomization of Number Theoretic Methods for Multiple Integration", 1976), which has less noise than Ward's strata; they may go where a [`Guide`] says that light is;
-//! gradients are those of the means of cells with some rays each, so that no strata are needed; and the harmonics are weighted so that each ring counts as its
-//! solid angle, where π ÷ cosine alone has no bound at the horizon.
+//! Ward, Rubinstein and Clear, "A Ray Tracing Solution for Diffuse Interreflection", 1988; gradients: Ward
+//! and Heckbert, "Irradiance Gradients", 1992, section 3. Differs from the paper for which this is (Wang et
+//! al. 2009): rays are a lattice of rank 1 by the golden ratio, with a shift of its own for each point
+//! (Cranley and Patterson, "Randomization of Number Theoretic Methods for Multiple Integration", 1976), which
+//! has less noise than Ward's strata; they may go where a [`Guide`] says that light is; gradients are those
+//! of the means of cells with some rays each, so that no strata are needed; and the harmonics are weighted so
+//! that each ring counts as its solid angle, where π ÷ cosine alone has no bound at the horizon.
 
 use core::f32::consts::PI;
 
@@ -30,7 +33,8 @@ impl GatherParams {
     }
 }
 
-/// Rings and sectors of about `cells` cells of like solid angle times cosine, about π times as many sectors as rings (Ward 1988).
+/// Rings and sectors of about `cells` cells of like solid angle times cosine, about π times as many sectors
+/// as rings (Ward 1988).
 fn grid(cells: u32) -> (u32, u32) {
     let rings = ((cells as f32 / PI).sqrt().round() as u32).max(1);
     (rings, cells.div_ceil(rings).max(1))
@@ -59,7 +63,8 @@ pub struct GatherSample {
     pub irradiance: Vec3,
     /// Harmonic mean of the distances, in the scene's length unit; infinite where no ray hit anything.
     pub mean_distance: f32,
-    /// How the irradiance changes as the normal turns: for a turn by the vector ω (axis × radians) channel `c` changes by ω · `rotation[c]`.
+    /// How the irradiance changes as the normal turns: for a turn by the vector ω (axis × radians) channel
+    /// `c` changes by ω · `rotation[c]`.
     pub rotation: [Vec3; 3],
     /// How it changes as the point moves within the surface, per length unit, channel by channel.
     pub translation: [Vec3; 3],
@@ -75,7 +80,8 @@ pub struct GatherScratch {
 }
 
 impl GatherScratch {
-    /// Where the rays of the last gather, which was at `position`, ended, for [`Guide::toward`]. What hit nothing is very far away.
+    /// Where the rays of the last gather, which was at `position`, ended, for [`Guide::toward`]. What hit
+    /// nothing is very far away.
     pub fn met(&self, position: Vec3) -> impl ExactSizeIterator<Item = Met> + '_ {
         self.rays.iter().map(move |ray| {
             let far = ray.found.distance.min(1e15);
@@ -104,10 +110,12 @@ struct Cell {
     weight: f32,
 }
 
-/// Casts rays from `position` over the hemisphere of the unit `normal`, in proportion to the cosine or to the density of `guide`, and asks `incoming` what comes from each unit
-/// direction. `index` is the number of the point: together with the seed it decides all random numbers, of which `incoming` may take more.
+/// Casts rays from `position` over the hemisphere of the unit `normal`, in proportion to the cosine or to the
+/// density of `guide`, and asks `incoming` what comes from each unit direction. `index` is the number of the
+/// point: together with the seed it decides all random numbers, of which `incoming` may take more.
 ///
-/// The irradiance is right in the mean with any guide that knows nothing of these very rays. With `radiance`, the harmonics of what comes in are added to it: 16 × 3 sums per ray.
+/// The irradiance is right in the mean with any guide that knows nothing of these very rays. With `radiance`,
+/// the harmonics of what comes in are added to it: 16 × 3 sums per ray.
 #[expect(clippy::too_many_arguments, reason = "where, how, by what, into what, and what is there")]
 pub fn gather(
     position: Vec3,
@@ -155,7 +163,8 @@ pub fn gather(
 /// 2³² over the golden ratio.
 const GOLDEN: u32 = 0x9e37_79b9;
 
-/// Adds the harmonics of what was found: each ring counts as its solid angle, and a ray of it in proportion to its weight over its cosine.
+/// Adds the harmonics of what was found: each ring counts as its solid angle, and a ray of it in proportion
+/// to its weight over its cosine.
 fn add_harmonics(scratch: &mut GatherScratch, sh: &mut RadianceSh) {
     let GatherScratch { rays, rings: shares, .. } = scratch;
     let (rings, _) = grid(rays.len() as u32);
@@ -176,7 +185,8 @@ fn add_harmonics(scratch: &mut GatherScratch, sh: &mut RadianceSh) {
     }
 }
 
-/// Puts the rays in cells, ring by ring; the numbers of rings and sectors. Where no ray went, a cell is as those beside it are.
+/// Puts the rays in cells, ring by ring; the numbers of rings and sectors. Where no ray went, a cell is as
+/// those beside it are.
 fn fill_cells(scratch: &mut GatherScratch) -> (u32, u32) {
     let GatherScratch { rays, cells, .. } = scratch;
     let (rings, sectors) = grid(rays.len() as u32 / RAYS_PER_CELL);
@@ -234,7 +244,8 @@ impl Cell {
     }
 }
 
-/// Ward and Heckbert 1992, equations for the rotational and the translational gradient, with the means of cells for what their single rays have.
+/// Ward and Heckbert 1992, equations for the rotational and the translational gradient, with the means of
+/// cells for what their single rays have.
 fn gradients(scratch: &mut GatherScratch, x: Vec3, y: Vec3) -> ([Vec3; 3], [Vec3; 3]) {
     let (rings, sectors) = fill_cells(scratch);
     let cells = &scratch.cells;

@@ -1,9 +1,11 @@
 //! Where to send gather rays: where the rays of earlier gathers nearby met light.
 //!
-//! Jensen, "Importance Driven Path Tracing Using the Photon Map", 1995, draws directions from those of the photons near a point. A hundred photons are a noisy histogram: over
-//! the same grid what gather rays of four neighbours met is worth twice as much, shadows included, and has been paid for. Differs from Jensen also: a cell counts by the root mean
-//! square of the radiance in it, which is what the variance of a ray asks for (Rath et al., "Variance-Aware Path Guiding", 2020); a fixed share of the rays follows the cosine, so
-//! that no ray counts more than 1 / (1 - [`SHARE`]) times its part.
+//! Jensen, "Importance Driven Path Tracing Using the Photon Map", 1995, draws directions from those of the
+//! photons near a point. A hundred photons are a noisy histogram: over the same grid what gather rays of four
+//! neighbours met is worth twice as much, shadows included, and has been paid for. Differs from Jensen also:
+//! a cell counts by the root mean square of the radiance in it, which is what the variance of a ray asks for
+//! (Rath et al., "Variance-Aware Path Guiding", 2020); a fixed share of the rays follows the cosine, so that
+//! no ray counts more than 1 / (1 - [`SHARE`]) times its part.
 
 use core::f32::consts::TAU;
 
@@ -28,8 +30,9 @@ pub struct Met {
     pub radiance: f32,
 }
 
-/// A density of directions over the hemisphere of a normal, constant in each cell of a grid in the square of sin² θ and φ ÷ 2π, in which the cosine is even. Exact: what
-/// [`draw`](Self::draw) returns is drawn with just the density that it names. 3.2 kB; used again from point to point, it allocates nothing.
+/// A density of directions over the hemisphere of a normal, constant in each cell of a grid in the square of
+/// sin² θ and φ ÷ 2π, in which the cosine is even. Exact: what [`draw`](Self::draw) returns is drawn with
+/// just the density that it names. 3.2 kB; used again from point to point, it allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Guide {
     /// Σ L² and rays of each cell, then their blurred sums.
@@ -49,8 +52,10 @@ impl Default for Guide {
 }
 
 impl Guide {
-    /// Directions from `position`, over the hemisphere of the unit `normal`, in which light was met. What lies below, or is no number, is left out; nothing met, or
-    /// nothing but darkness: the cosine alone. So it is, too, where squares of radiance leave f32, beyond some 10¹⁸ and below 10⁻¹⁸ W·m⁻²·sr⁻¹: more noise, and no bias.
+    /// Directions from `position`, over the hemisphere of the unit `normal`, in which light was met. What
+    /// lies below, or is no number, is left out; nothing met, or nothing but darkness: the cosine alone. So
+    /// it is, too, where squares of radiance leave f32, beyond some 10¹⁸ and below 10⁻¹⁸ W·m⁻²·sr⁻¹: more
+    /// noise, and no bias.
     pub fn toward(&mut self, position: Vec3, normal: Vec3, met: impl IntoIterator<Item = Met>) {
         self.cells.fill([0.0; 2]);
         let (x, y) = normal.any_orthonormal_pair();
@@ -117,8 +122,9 @@ impl Guide {
         self.rows[SIDE] = 1.0;
     }
 
-    /// A point of the square out of one that is drawn evenly from [0, 1)², and its density there: 1 where the guide follows the cosine, at least about 1 - [`SHARE`]. Monotone in
-    /// both numbers, so that what is spread well stays so.
+    /// A point of the square out of one that is drawn evenly from [0, 1)², and its density there: 1 where the
+    /// guide follows the cosine, at least about 1 - [`SHARE`]. Monotone in both numbers, so that what is
+    /// spread well stays so.
     #[inline]
     pub fn draw(&self, [u, v]: [f32; 2]) -> ([f32; 2], f32) {
         let (row, across, height) = within(&self.rows, u);

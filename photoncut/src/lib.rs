@@ -1,22 +1,28 @@
 //! Photon maps, illumination cuts and sparse final gather.
 //!
-//! Wang, Wang, Zhou, Pan and Bao, "An Efficient GPU-based Approach for Interactive Global Illumination", 2009: many-bounce indirect light and caustics from a few thousand
-//! gather points in place of one per pixel, each of which looks up a few thousand nodes in place of all photons.
+//! Wang, Wang, Zhou, Pan and Bao, "An Efficient GPU-based Approach for Interactive Global Illumination",
+//! 2009: many-bounce indirect light and caustics from a few thousand gather points in place of one per pixel,
+//! each of which looks up a few thousand nodes in place of all photons.
 //!
-//! - [`PhotonMap`]: photons in a k-d tree, with nearest-photon density estimates ([`PhotonMap::irradiance`]). Jensen 1996; what differs is in the
-//!   documentation of [`Area`].
-//! - [`IlluminationCut`]: a cut through that tree with an irradiance on each node, and a smooth look-up between them.
-//! - [`gather`]: final gather at one point; irradiance, harmonic mean distance, gradients and spherical harmonics. [`Guide`]: directions by what earlier gathers nearby met.
+//! - [`PhotonMap`]: photons in a k-d tree, with nearest-photon density estimates ([`PhotonMap::irradiance`]).
+//!   Jensen 1996; what differs is in the documentation of [`Area`].
+//! - [`IlluminationCut`]: a cut through that tree with an irradiance on each node, and a smooth look-up
+//!   between them.
+//! - [`gather`]: final gather at one point; irradiance, harmonic mean distance, gradients and spherical
+//!   harmonics. [`Guide`]: directions by what earlier gathers nearby met.
 //! - [`IrradianceSamples`]: interpolation from sparse gathers to everywhere.
 //!
-//! Where to gather is the crate `clustering`'s business, or anybody's. What the host has to bring: photons from a random walk of its own, and one closure that
-//! casts a gather ray, asks the cut for the irradiance where it ends, and multiplies by the albedo there over π. No material is known here.
+//! Where to gather is the crate `clustering`'s business, or anybody's. What the host has to bring: photons
+//! from a random walk of its own, and one closure that casts a gather ray, asks the cut for the irradiance
+//! where it ends, and multiplies by the albedo there over π. No material is known here.
 //!
-//! `examples/indirect.rs` is all of it in another renderer, with places from `clustering`, checked against path tracing.
+//! `examples/indirect.rs` is all of it in another renderer, with places from `clustering`, checked against
+//! path tracing.
 //!
-//! Which photons: **all** of them, those straight from the lights included, since a gather ray has to see surfaces that are lit directly; the paper's text stores
-//! only those that bounced off something diffuse. Caustics at the points that the camera sees are not found by gather rays: keep a second map
-//! of photons that came by mirrors or glass alone, and ask it directly.
+//! Which photons: **all** of them, those straight from the lights included, since a gather ray has to see
+//! surfaces that are lit directly; the paper's text stores only those that bounced off something diffuse.
+//! Caustics at the points that the camera sees are not found by gather rays: keep a second map of photons
+//! that came by mirrors or glass alone, and ask it directly.
 //!
 //! ```
 //! use glam::Vec3;

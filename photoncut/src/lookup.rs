@@ -12,8 +12,9 @@ pub struct LookupScratch {
 }
 
 impl IlluminationCut {
-    /// Irradiance of a surface at `point` that faces `normal`, W·m⁻² per channel: the mean of the samples that reach it, with weights K(d/r) ·
-    /// max(0, n·nⱼ), K(x) = 1 - x² (Wang et al. 2009, equations 4 and 5), divided by their sum, which the paper leaves out. `None` where no sample reaches.
+    /// Irradiance of a surface at `point` that faces `normal`, W·m⁻² per channel: the mean of the samples
+    /// that reach it, with weights K(d/r) · max(0, n·nⱼ), K(x) = 1 - x² (Wang et al. 2009, equations 4 and
+    /// 5), divided by their sum, which the paper leaves out. `None` where no sample reaches.
     pub fn irradiance(&self, point: Vec3, normal: Vec3, scratch: &mut LookupScratch) -> Option<Vec3> {
         let LookupScratch { stack, .. } = scratch;
         let samples = self.cut().values();

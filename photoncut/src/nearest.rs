@@ -8,15 +8,17 @@ use crate::PhotonMap;
 use crate::photon::unpack_unit;
 use crate::points::Located;
 
-/// Which photons light a surface: those whose own surface faces about the same way, and that come from the surface's upper side.
+/// Which photons light a surface: those whose own surface faces about the same way, and that come from the
+/// surface's upper side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Facing {
     /// Unit normal of the surface that is asked about.
     pub normal: Vec3,
-    /// Least cosine between a photon's normal and that one; 0.7 keeps a wall's photons off the floor. -1: any.
+    /// Least cosine between a photon's normal and that one; 0.7 keeps a wall's photons off the floor. -1:
+    /// any.
     pub min_cos: f32,
-    /// How much more a distance along that normal counts than one within the surface, from 1 on (a ball; what is less counts as 1) to a million: keeps a table's
-    /// photons off the floor below it.
+    /// How much more a distance along that normal counts than one within the surface, from 1 on (a ball; what
+    /// is less counts as 1) to a million: keeps a table's photons off the floor below it.
     pub flatten: f32,
 }
 
@@ -63,8 +65,9 @@ impl PhotonScratch {
 }
 
 impl PhotonMap {
-    /// Finds the `count` photons nearest to `point` that light a surface facing as `facing` says, none farther than `max_radius`, distances being those that
-    /// `facing` makes of them; ties go to the lower slots. They are in [`PhotonScratch::found`].
+    /// Finds the `count` photons nearest to `point` that light a surface facing as `facing` says, none
+    /// farther than `max_radius`, distances being those that `facing` makes of them; ties go to the lower
+    /// slots. They are in [`PhotonScratch::found`].
     pub fn nearest(
         &self,
         point: Vec3,

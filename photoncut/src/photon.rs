@@ -18,7 +18,8 @@ pub struct Photon {
     pub power: Vec3,
 }
 
-/// A photon as a map keeps it: 32 bytes. Directions are to about a third of a degree, which is enough to tell sides and walls apart.
+/// A photon as a map keeps it: 32 bytes. Directions are to about a third of a degree, which is enough to tell
+/// sides and walls apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub(crate) struct Packed {

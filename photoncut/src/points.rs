@@ -1,8 +1,9 @@
 //! A k-d tree over oriented points: the topology that photon maps and sparse samples share.
 //!
-//! Jensen, "Realistic Image Synthesis Using Photon Mapping", 2001, chapter 6: medians along the longest axis. Differs from it: nodes have boxes, leaves
-//! a few points; and points that face different ways are parted by their normals first once a node is small, then by their heights, so that a node in a
-//! corner, across a thin wall, or around a shelf and the one below does not mix what can't light the same surface.
+//! Jensen, "Realistic Image Synthesis Using Photon Mapping", 2001, chapter 6: medians along the longest axis.
+//! Differs from it: nodes have boxes, leaves a few points; and points that face different ways are parted by
+//! their normals first once a node is small, then by their heights, so that a node in a corner, across a thin
+//! wall, or around a shelf and the one below does not mix what can't light the same surface.
 
 use core::ops::Range;
 
@@ -15,7 +16,8 @@ pub(crate) trait Located: Send + Sync {
     fn normal(&self) -> Vec3;
 }
 
-/// 36 bytes. The pair of children of a node is followed by everything below the left child, then by everything below the right one.
+/// 36 bytes. The pair of children of a node is followed by everything below the left child, then by
+/// everything below the right one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub(crate) struct SpatialNode {
@@ -36,7 +38,8 @@ impl SpatialNode {
         Vec3::from(self.max)
     }
 
-    /// The same with ids that count from `offset`. The first pair below a subtree's root has id 0 there, so leaves are told by their count.
+    /// The same with ids that count from `offset`. The first pair below a subtree's root has id 0 there, so
+    /// leaves are told by their count.
     fn moved(self, offset: u32, max_leaf: usize) -> Self {
         let is_leaf = self.item_count as usize <= max_leaf;
         Self { first_child: if is_leaf { 0 } else { self.first_child + offset }, ..self }
@@ -72,11 +75,12 @@ const BY_NORMAL: usize = 1 << 12;
 /// Nodes with fewer points are not parted by height: leaves would be many, and no cut has nodes as small.
 const BY_HEIGHT: usize = 16;
 
-/// Height of a node, in longest sides, from which on points that face one way are parted by it: shelves, steps, a board on the floor. A sphere's part within
-/// 40 degrees is 0.1 high.
+/// Height of a node, in longest sides, from which on points that face one way are parted by it: shelves,
+/// steps, a board on the floor. A sphere's part within 40 degrees is 0.1 high.
 const FLAT: f32 = 0.25;
 
-/// Spread of any coordinate of the normals from which on a small node is parted by them: that of two faces at 40 degrees.
+/// Spread of any coordinate of the normals from which on a small node is parted by them: that of two faces at
+/// 40 degrees.
 const NORMAL_SPREAD: f32 = 0.7;
 
 /// Puts `items` in the order of a tree, and returns its nodes, the root first; none for no items.
@@ -145,7 +149,8 @@ impl Branch {
     }
 }
 
-/// Appends everything below a node, and returns the node. Ids count from the start of `out`. `agree` says that the normals are known to face one way.
+/// Appends everything below a node, and returns the node. Ids count from the start of `out`. `agree` says
+/// that the normals are known to face one way.
 fn subtree<T: Located>(
     items: &mut [T],
     first_item: u32,
@@ -201,7 +206,8 @@ fn by_median<T: Located>(items: &mut [T], extent: Vec3) -> usize {
     middle
 }
 
-/// In two by how high they lie over one plane, where they face one way but lie at heights that differ by more than [`FLAT`] of the longest side; `None` where they do not.
+/// In two by how high they lie over one plane, where they face one way but lie at heights that differ by more
+/// than [`FLAT`] of the longest side; `None` where they do not.
 fn by_heights<T: Located>(items: &mut [T], extent: Vec3) -> Option<usize> {
     let limit = FLAT * extent.max_element();
     // What is flat along an axis, most walls and floors, needs no closer look.

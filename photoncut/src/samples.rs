@@ -1,14 +1,16 @@
 //! Irradiance at every point, out of samples at few.
 //!
-//! Ward, Rubinstein and Clear 1988: the mean of nearby samples with weights 1/e, e = |x - s| ÷ R + |n - nₛ|, R the harmonic mean of the distances that the
-//! sample's rays went; as Wang et al. 2009 have it. Differs from both: what a sample is off along its normal counts more
-//! ([`planes`](InterpolationParams::planes)); R is no larger than that of the place that asks, where that is known ([`Place::mean_distance`]); and there is no radius
-//! beyond which a sample ends. The samples of least e are taken,
-//! and the weight of the next one after them is subtracted from all: a sample comes and goes with weight zero, so the result is continuous
-//! wherever samples are, and never undefined. Gradients are limited: those of Ward and Heckbert 1992 have no bound.
+//! Ward, Rubinstein and Clear 1988: the mean of nearby samples with weights 1/e, e = |x - s| ÷ R + |n - nₛ|,
+//! R the harmonic mean of the distances that the sample's rays went; as Wang et al. 2009 have it. Differs
+//! from both: what a sample is off along its normal counts more ([`planes`](InterpolationParams::planes)); R
+//! is no larger than that of the place that asks, where that is known ([`Place::mean_distance`]); and there
+//! is no radius beyond which a sample ends. The samples of least e are taken, and the weight of the next one
+//! after them is subtracted from all: a sample comes and goes with weight zero, so the result is continuous
+//! wherever samples are, and never undefined. Gradients are limited: those of Ward and Heckbert 1992 have no
+//! bound.
 //!
-//! Křivánek et al., "Making Radiance and Irradiance Caching Practical", 2006, section 3: no sample's R is larger than a neighbour's plus the distance between them, on
-//! request.
+//! Křivánek et al., "Making Radiance and Irradiance Caching Practical", 2006, section 3: no sample's R is
+//! larger than a neighbour's plus the distance between them, on request.
 
 use glam::Vec3;
 
@@ -20,12 +22,14 @@ use crate::points::{self, Located, SpatialNode};
 pub struct InterpolationParams {
     /// Samples in a mean, 1 to 32; as many as there are where those are fewer.
     pub neighbours: u32,
-    /// Whether samples speak for their surroundings to first order (Ward and Heckbert 1992), and not as constants.
+    /// Whether samples speak for their surroundings to first order (Ward and Heckbert 1992), and not as
+    /// constants.
     pub gradients: bool,
     /// Whether neighbours bound each other's R.
     pub clamp_neighbours: bool,
-    /// How much a sample's distance along its own normal counts, added to its distance: from 0 on (Ward's e; what is less, or NaN, counts as 0) to a million. A shelf above a point is near
-    /// it and faces the same way, and sees other light; Ward 1988 leaves out what lies behind, which is not continuous.
+    /// How much a sample's distance along its own normal counts, added to its distance: from 0 on (Ward's e;
+    /// what is less, or NaN, counts as 0) to a million. A shelf above a point is near it and faces the same
+    /// way, and sees other light; Ward 1988 leaves out what lies behind, which is not continuous.
     pub planes: f32,
     /// Least R, in the scene's length unit; at least 0.
     pub min_distance: f32,
@@ -34,7 +38,8 @@ pub struct InterpolationParams {
 }
 
 impl InterpolationParams {
-    /// Four neighbours, neighbour clamping, no gradients; planes count 8 times; R from a thousandth of the scene's radius to all of it.
+    /// Four neighbours, neighbour clamping, no gradients; planes count 8 times; R from a thousandth of the
+    /// scene's radius to all of it.
     pub const fn new(scene_radius: f32) -> Self {
         Self {
             neighbours: 4,
@@ -60,8 +65,9 @@ pub struct Place {
     pub position: Vec3,
     /// Unit normal.
     pub normal: Vec3,
-    /// Harmonic mean of the distances to what the place sees, as a few rays tell, in the scene's length unit. In a gap it is small, and samples in the open beside it then count
-    /// as far. Infinite or NaN: nothing is known. At most 0: as small as R can be.
+    /// Harmonic mean of the distances to what the place sees, as a few rays tell, in the scene's length unit.
+    /// In a gap it is small, and samples in the open beside it then count as far. Infinite or NaN: nothing is
+    /// known. At most 0: as small as R can be.
     pub mean_distance: f32,
 }
 
@@ -110,8 +116,9 @@ impl Located for Indexed {
 }
 
 impl Indexed {
-    /// No gradient is larger than the steepest that the split sphere has, which Ward, Rubinstein and Clear 1988 bound the error by: 4/π of the irradiance over R, and √2 of
-    /// it for a turn by a radian. Few rays past a near edge say more, by chance.
+    /// No gradient is larger than the steepest that the split sphere has, which Ward, Rubinstein and Clear
+    /// 1988 bound the error by: 4/π of the irradiance over R, and √2 of it for a turn by a radian. Few rays
+    /// past a near edge say more, by chance.
     fn limit_gradients(&mut self) {
         let GatherSample { irradiance, mean_distance, rotation, translation, .. } = &mut self.sample;
         let distance = mean_distance.max(self.distance);
@@ -148,7 +155,8 @@ pub struct SampleScratch {
 }
 
 impl IrradianceSamples {
-    /// Indexes samples; those with a NaN or infinite position, normal or irradiance are left out and counted in the second result.
+    /// Indexes samples; those with a NaN or infinite position, normal or irradiance are left out and counted
+    /// in the second result.
     pub fn new(samples: &[GatherSample], params: &InterpolationParams) -> (Self, usize) {
         let mut kept: Vec<Indexed> = (0..)
             .zip(samples)
@@ -215,19 +223,20 @@ impl IrradianceSamples {
         shares
     }
 
-    /// Irradiance of a place, W·m⁻² per channel; zero without samples. With gradients a channel may be extrapolated to below
-    /// zero: it is cut off there, and the second result is how far below, from 0 on.
+    /// Irradiance of a place, W·m⁻² per channel; zero without samples. With gradients a channel may be
+    /// extrapolated to below zero: it is cut off there, and the second result is how far below, from 0 on.
     pub fn irradiance(&self, place: &Place, scratch: &mut SampleScratch) -> (Vec3, Vec3) {
         let shares = self.shares(place, scratch).iter();
         let sum: Vec3 = shares.map(|share| share.weight * self.foretold(share, place)).sum();
         (sum.max(Vec3::ZERO), (-sum).max(Vec3::ZERO))
     }
 
-    /// How little samples know about a place. Dimensionless, from 0 (at a sample) on; without samples 0. Where it is large, light gathered at the place itself is worth its rays
-    /// most.
+    /// How little samples know about a place. Dimensionless, from 0 (at a sample) on; without samples 0.
+    /// Where it is large, light gathered at the place itself is worth its rays most.
     ///
-    /// The squares of two parts are added: the standard deviation of what each sample foretells, by their shares, over the largest irradiance that any of them gathered;
-    /// and a twentieth of the least e, for what no sample is near may be dark though all around it agree.
+    /// The squares of two parts are added: the standard deviation of what each sample foretells, by their
+    /// shares, over the largest irradiance that any of them gathered; and a twentieth of the least e, for
+    /// what no sample is near may be dark though all around it agree.
     pub fn doubt(&self, place: &Place, scratch: &mut SampleScratch) -> f32 {
         const UNSEEN: f64 = 0.05;
         self.shares(place, scratch);
@@ -270,7 +279,8 @@ impl IrradianceSamples {
         let count = self.wanted() + 1;
         let measure = Measure::new(place, &self.params);
 
-        // Who was near the place before may be near this one: a bound to begin with. What is found does not depend on it.
+        // Who was near the place before may be near this one: a bound to begin with. What is found does not
+        // depend on it.
         best.retain_mut(|(error, slot)| {
             let near = self.samples.get(*slot as usize);
             *error = near.map_or(f32::NAN, |sample| measure.error(sample));
@@ -349,7 +359,8 @@ impl<'a> Measure<'a> {
     }
 }
 
-/// R of each sample to the least of any sample's R plus the distance between the two. Once is enough, by the triangle inequality.
+/// R of each sample to the least of any sample's R plus the distance between the two. Once is enough, by the
+/// triangle inequality.
 fn clamp_by_neighbours(samples: &mut [Indexed], nodes: &[SpatialNode]) {
     // The least R below each node.
     let mut least = vec![f32::INFINITY; nodes.len()];

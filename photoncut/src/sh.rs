@@ -1,8 +1,9 @@
 //! Radiance around a point in spherical harmonics: bands 0 to 3, 16 coefficients a channel.
 //!
-//! What Wang et al. 2009 call "4-th order". Real harmonics, orthonormal over the sphere, in world axes (Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance
-//! Environment Maps", 2001, and one band more). Four bands ring: a bright spot has dark surroundings, below zero even. [`windowed`](RadianceSh::windowed) trades that
-//! for blur.
+//! What Wang et al. 2009 call "4-th order". Real harmonics, orthonormal over the sphere, in world axes
+//! (Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001, and one
+//! band more). Four bands ring: a bright spot has dark surroundings, below zero even.
+//! [`windowed`](RadianceSh::windowed) trades that for blur.
 
 use glam::Vec3;
 
@@ -35,7 +36,8 @@ impl RadianceSh {
         self.0.iter().zip(&other.0).map(|(&a, &b)| a * b).sum()
     }
 
-    /// With band l times (1 + cos(π l ÷ width)) ÷ 2: Hann's window. A width of 4 ends where the bands do; infinite changes nothing.
+    /// With band l times (1 + cos(π l ÷ width)) ÷ 2: Hann's window. A width of 4 ends where the bands do;
+    /// infinite changes nothing.
     #[must_use]
     pub fn windowed(&self, width: f32) -> Self {
         let scale = |band: f32| {

@@ -22,9 +22,11 @@ struct NodeLight {
     density: f32,
 }
 
-/// A photon map: photons in the order of a k-d tree. Both a hierarchy whose nodes can form a cut, and an index of what is near.
+/// A photon map: photons in the order of a k-d tree. Both a hierarchy whose nodes can form a cut, and an
+/// index of what is near.
 ///
-/// Memory: 32 bytes a photon and 60 a node; there are at most two nodes for every four photons, as a rule, so no more than 64 bytes a photon in all.
+/// Memory: 32 bytes a photon and 60 a node; there are at most two nodes for every four photons, as a rule, so
+/// no more than 64 bytes a photon in all.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PhotonMap {
     pub(crate) photons: Vec<Packed>,
@@ -34,7 +36,8 @@ pub struct PhotonMap {
 }
 
 impl PhotonMap {
-    /// Builds the map; on all threads of the current rayon pool with the feature `parallel`, with the same bits for any number of them.
+    /// Builds the map; on all threads of the current rayon pool with the feature `parallel`, with the same
+    /// bits for any number of them.
     ///
     /// # Errors
     /// The first photon, by index, that cannot be used; more than 2³¹ - 1 of them.
@@ -92,17 +95,19 @@ impl PhotonMap {
         Vec3::from(self.light[node.0 as usize].power)
     }
 
-    /// Mean of the normals below `node`, of about unit length; and the cosine of a cone around it that holds all of them, -1 where they
-    /// face everywhere.
+    /// Mean of the normals below `node`, of about unit length; and the cosine of a cone around it that holds
+    /// all of them, -1 where they face everywhere.
     pub fn normals(&self, node: NodeId) -> (Vec3, f32) {
         let light = &self.light[node.0 as usize];
         (unpack_unit(light.axis), light.cos_spread)
     }
 
-    /// Ẽ of Wang et al. 2009, equation 3, the mean of the channels: Σ (ωᵢ·n) Φᵢ ÷ r², r the longest side of the node's box. W·m⁻².
+    /// Ẽ of Wang et al. 2009, equation 3, the mean of the channels: Σ (ωᵢ·n) Φᵢ ÷ r², r the longest side of
+    /// the node's box. W·m⁻².
     ///
-    /// Differs from the paper: what comes from behind n counts against the sum, which is cut off at 0; r is at least the root's longest side ÷ √photons,
-    /// about the distance between photons, so that photons in one place have a finite Ẽ.
+    /// Differs from the paper: what comes from behind n counts against the sum, which is cut off at 0; r is
+    /// at least the root's longest side ÷ √photons, about the distance between photons, so that photons in
+    /// one place have a finite Ẽ.
     pub fn rough_irradiance(&self, node: NodeId) -> f32 {
         self.light[node.0 as usize].density
     }
@@ -206,7 +211,8 @@ fn sum_up(
     sums
 }
 
-/// Number of nodes below `id`, whose first is `start` if there are any: the right child's, if it is inner, end where the subtree does.
+/// Number of nodes below `id`, whose first is `start` if there are any: the right child's, if it is inner,
+/// end where the subtree does.
 fn subtree_len(nodes: &[SpatialNode], id: u32, start: u32) -> usize {
     let mut end = start;
     let mut at = id;

@@ -93,7 +93,8 @@ fn look_ups_agree_with_the_map() {
     assert!(fell_back && found.is_finite());
 }
 
-/// A dim board a little above a bright floor, which both face up: light of the one must not get to the other, neither from the map nor from its cut.
+/// A dim board a little above a bright floor, which both face up: light of the one must not get to the other,
+/// neither from the map nor from its cut.
 #[test]
 fn flatness_keeps_a_board_off_the_floor() {
     const HEIGHT: f32 = 0.06;

@@ -19,7 +19,8 @@ fn at(position: Vec3, normal: Vec3, rays: u32, light: impl Fn(Vec3) -> Incoming)
     gather(position, normal, 0, &params, None, &mut GatherScratch::default(), None, |d, _| light(d))
 }
 
-/// E51: in a closed box whose walls emit radiance 1 and reflect half, irradiance is 2π everywhere, of which half is gathered. Every approximation on its own.
+/// E51: in a closed box whose walls emit radiance 1 and reflect half, irradiance is 2π everywhere, of which
+/// half is gathered. Every approximation on its own.
 #[test]
 fn white_furnace() {
     const ALBEDO: f32 = 0.5;
@@ -82,7 +83,8 @@ fn constant_light_is_exact_and_so_are_its_harmonics() {
     assert_eq!((none.irradiance, none.mean_distance), (Vec3::ZERO, f32::INFINITY));
 }
 
-/// A guide changes neither the mean of irradiance, harmonics and distance, nor which light makes it, and takes most of the noise of a window away.
+/// A guide changes neither the mean of irradiance, harmonics and distance, nor which light makes it, and
+/// takes most of the noise of a window away.
 #[test]
 fn a_guide_is_right_in_the_mean() {
     // A bright window low to one side of a dim room, nearer than the walls.
@@ -367,7 +369,8 @@ fn interpolation_at_extremes() {
         let (index, _) = IrradianceSamples::new(&[far, near], &params);
         assert!(index.irradiance(&Place::new(Vec3::X * 0.5, Vec3::Y), &mut scratch).0.is_finite());
     }
-    // Gradients: to first order, no farther than R, here 0.5; no steeper than the split sphere's, and cut off at zero.
+    // Gradients: to first order, no farther than R, here 0.5; no steeper than the split sphere's, and cut off
+    // at zero.
     let params = InterpolationParams { gradients: true, neighbours: 1, ..params };
     let (index, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, 1.0)], &params);
     assert_eq!(

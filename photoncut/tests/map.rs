@@ -135,7 +135,8 @@ fn at_most_64_bytes_a_photon() {
     }
 }
 
-/// E48: an evenly lit box. The mean over many points has to be right to three standard errors, in corners and at edges too.
+/// E48: an evenly lit box. The mean over many points has to be right to three standard errors, in corners and
+/// at edges too.
 #[test]
 fn density_is_unbiased_where_light_is_even() {
     let photons = common::furnace(Vec3::splat(0.5), 200_000, 7);
@@ -159,7 +160,8 @@ fn density_is_unbiased_where_light_is_even() {
             .collect();
         let mean = estimates.iter().sum::<f64>() / 2000.0;
         let variance = estimates.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / 2000.0;
-        // Estimates share photons: 2000 points with 64 photons each look at all of the 200,000 less than once.
+        // Estimates share photons: 2000 points with 64 photons each look at all of the 200,000 less than
+        // once.
         (mean / expected - 1.0, (variance / 2000.0).sqrt() / expected)
     };
     let (bias, error) = mean_of(Area::Hull, false);

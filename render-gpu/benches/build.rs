@@ -1,8 +1,9 @@
 //! How long a tree takes on the device, against the CPU's on all threads, in one run.
 //!
-//! `cargo bench -p lighttree-render-gpu --bench build [-- lights...]`: one line a number of lights, for each sort. Wall clock, medians of turns
-//! taken one after the other; the device's time is from submission to completion, without upload or read-back. With a software driver the
-//! processor's time is the device's, too: so the second pair of numbers is that, of all threads, which other work on the machine does not stretch.
+//! `cargo bench -p lighttree-render-gpu --bench build [-- lights...]`: one line a number of lights, for each
+//! sort. Wall clock, medians of turns taken one after the other; the device's time is from submission to
+//! completion, without upload or read-back. With a software driver the processor's time is the device's, too:
+//! so the second pair of numbers is that, of all threads, which other work on the machine does not stretch.
 
 use std::time::{Duration, Instant};
 
@@ -67,7 +68,8 @@ fn timed(work: impl FnOnce()) -> [f64; 2] {
     [start.elapsed().as_secs_f64(), (processor_time() - used).as_secs_f64()]
 }
 
-/// User and system time of all threads, those of a driver included, in the kernel's ticks of 10 ms; nothing where there is no such file.
+/// User and system time of all threads, those of a driver included, in the kernel's ticks of 10 ms; nothing
+/// where there is no such file.
 fn processor_time() -> Duration {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     // The program's name, in parentheses, may hold anything; after it these are the 12th and 13th.

@@ -4,7 +4,8 @@
 //! cargo bench -p lighttree-render-gpu --bench filter
 //! ```
 //!
-//! The device's frames are recorded, submitted and waited for, with inputs that are there already, as in a renderer.
+//! The device's frames are recorded, submitted and waited for, with inputs that are there already, as in a
+//! renderer.
 
 use std::hint::black_box;
 

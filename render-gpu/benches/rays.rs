@@ -1,12 +1,15 @@
-//! How many rays a second the device answers, beside the CPU's own rays on all threads: the same rays in turn.
+//! How many rays a second the device answers, beside the CPU's own rays on all threads: the same rays in
+//! turn.
 //!
 //! ```sh
 //! cargo bench -p lighttree-render-gpu --bench rays
 //! ```
 //!
-//! Prints a table: millions of rays a second on all of the CPU's threads, on the device with the records' way there and back, and of the kernel alone by the device's
-//! clock; best of five rounds. On a software driver both share the same cores, and other work on the machine stretches both by chance: so the last column is the
-//! ratio of processor times, of all threads, with the records' way. Then criterion keeps a history of a row.
+//! Prints a table: millions of rays a second on all of the CPU's threads, on the device with the records' way
+//! there and back, and of the kernel alone by the device's clock; best of five rounds. On a software driver
+//! both share the same cores, and other work on the machine stretches both by chance: so the last column is
+//! the ratio of processor times, of all threads, with the records' way. Then criterion keeps a history of a
+//! row.
 
 #[path = "../tests/common/scenes.rs"]
 #[allow(dead_code, unreachable_pub, reason = "tests use the rest")]
@@ -99,7 +102,8 @@ fn row(
     );
 }
 
-/// Seconds of user and system time of all threads, those of a driver included, in the kernel's ticks of 10 ms; nothing where there is no such file.
+/// Seconds of user and system time of all threads, those of a driver included, in the kernel's ticks of 10
+/// ms; nothing where there is no such file.
 fn processor_time() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     // The program's name, in parentheses, may hold anything; after it these are the 12th and 13th.

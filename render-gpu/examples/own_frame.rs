@@ -1,7 +1,9 @@
-//! A renderer with a device, kernels and materials of its own adds many lights: one tree and one set of draws, recorded into its own encoder.
+//! A renderer with a device, kernels and materials of its own adds many lights: one tree and one set of
+//! draws, recorded into its own encoder.
 //!
-//! Each frame is one submission: the renderer moves its lights, the tree is built over them, the renderer's own pass fills its own records of what
-//! pixels see, lights are drawn for them, and the renderer shades. Nothing is read back but what this example prints.
+//! Each frame is one submission: the renderer moves its lights, the tree is built over them, the renderer's
+//! own pass fills its own records of what pixels see, lights are drawn for them, and the renderer shades.
+//! Nothing is read back but what this example prints.
 
 use lighttree::{ChildChoice, WeightedLight};
 use render_gpu::draw::{CutOptions, DrawKernels, DrawRequest, Draws, Method};
@@ -48,7 +50,8 @@ fn receiver_scatter(receiver: Receiver, box: Toward) -> f32 {
 }
 ";
 
-/// The renderer's own kernels. `Toward` and `toward_cos` are named by its receivers, which it shares with the draws, so it names stand-ins.
+/// The renderer's own kernels. `Toward` and `toward_cos` are named by its receivers, which it shares with the
+/// draws, so it names stand-ins.
 const HOST: &str = "
 struct Light { min: vec3f, intensity: f32, max: vec3f, user: u32 }
 struct Drawn { light: u32, weight: f32 }

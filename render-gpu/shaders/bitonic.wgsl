@@ -1,9 +1,10 @@
 // Lights by their keys, as in the paper: Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4.
 // Batcher, "Sorting Networks and Their Applications", 1968.
 //
-// A key and its light's number are compared together, so that the order does not depend on the network. `pair` sets them up, filled up to a power of
-// two with what goes last; `sort_local` sorts runs of 512; then runs are merged, twice as long each time: by `merge_global` while what is compared is far
-// apart, then by `merge_local`.
+// A key and its light's number are compared together, so that the order does not depend on the network.
+// `pair` sets them up, filled up to a power of two with what goes last; `sort_local` sorts runs of 512; then
+// runs are merged, twice as long each time: by `merge_global` while what is compared is far apart, then by
+// `merge_local`.
 
 struct Step {
     // Keys, filled up to a power of two.

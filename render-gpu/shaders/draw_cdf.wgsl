@@ -1,8 +1,10 @@
 // Twin of stochastic/src/cut_cdf.rs: `SharedCut::select`, `NodeCdf` and `CutCdf`.
 //
-// `select_group_cuts`: one workgroup a block of pixels finds what its receivers have in common and refines the cut node by node, all threads looking for the
-// worst. `draw_cdf`: one workgroup a block, one thread a pixel; nodes, but for the last of a long cut, are staged in workgroup memory, and each pixel passes over
-// them twice: for the sum of their weights, and for cumulative probabilities, of which it keeps every eighth. A draw finds its eighth and passes over that again.
+// `select_group_cuts`: one workgroup a block of pixels finds what its receivers have in common and refines
+// the cut node by node, all threads looking for the worst. `draw_cdf`: one workgroup a block, one thread a
+// pixel; nodes, but for the last of a long cut, are staged in workgroup memory, and each pixel passes over
+// them twice: for the sum of their weights, and for cumulative probabilities, of which it keeps every eighth.
+// A draw finds its eighth and passes over that again.
 
 // For each block the length of its cut and its nodes.
 @group(0) @binding(5) var<storage, read_write> cuts: array<u32>;
@@ -12,7 +14,8 @@
 @group(0) @binding(7) var<storage, read_write> tags: array<NodeTag>;
 
 const THREADS: u32 = 64u;
-// Most nodes of a cut, those of them whose records are staged in workgroup memory, of which there are 16 KiB, and of what one thread keeps every how many.
+// Most nodes of a cut, those of them whose records are staged in workgroup memory, of which there are 16 KiB,
+// and of what one thread keeps every how many.
 const MOST: u32 = 512u;
 const STAGED: u32 = 384u;
 const STRIDE: u32 = 8u;
@@ -46,7 +49,8 @@ var<workgroup> group_high: array<vec3f, THREADS>;
 // Sum of normals, and their number.
 var<workgroup> group_normal: array<vec4f, THREADS>;
 
-// What the receivers of a block have in common; the number of them is in the fourth of the result's normal's place.
+// What the receivers of a block have in common; the number of them is in the fourth of the result's normal's
+// place.
 fn group_of(thread: u32, block: Block, space: Space) -> u32 {
     var low = vec3f(3e38);
     var high = vec3f(-3e38);
@@ -82,8 +86,8 @@ var<workgroup> worst: array<vec2u, THREADS>;
 var<workgroup> cut_count: u32;
 var<workgroup> ended: u32;
 
-// Whether a candidate (bits of its doubt, its id) goes before another: more doubt, or the lower id. Those of floats that are not negative order as the
-// floats do.
+// Whether a candidate (bits of its doubt, its id) goes before another: more doubt, or the lower id. Those of
+// floats that are not negative order as the floats do.
 fn is_worse(a: vec2u, b: vec2u) -> bool {
     return a.x > b.x || (a.x == b.x && a.y < b.y);
 }
@@ -94,7 +98,8 @@ override KEEP: f32 = 0.0;
 var<workgroup> earlier_ids: array<u32, MOST>;
 var<workgroup> earlier: array<vec2f, MOST>;
 
-// What is known of a node from the cut before: what was learned of itself or of nodes below it, or its part of what was of the node above it.
+// What is known of a node from the cut before: what was learned of itself or of nodes below it, or its part
+// of what was of the node above it.
 fn kept(id: u32, count: u32) -> vec2f {
     let depth = depth_of(id);
     var sum = vec2f(0.0);
@@ -236,7 +241,8 @@ fn record_of(space: Space, number: u32, i: u32) -> NodeRecord {
     return node_record(space, nodes[index_of(node_of(number, i))], nodes[0].intensity);
 }
 
-// Node `i` of the block's cut. All threads ask for the same ones together, but for the few that a draw ends at.
+// Node `i` of the block's cut. All threads ask for the same ones together, but for the few that a draw ends
+// at.
 fn record_at(space: Space, number: u32, i: u32) -> NodeRecord {
     if (i < STAGED) {
         return records[i];

@@ -1,8 +1,9 @@
 // Twin of stochastic/src/shared.rs: `BlockGrid::candidates`, and stochastic/src/interleave.rs.
 // Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, sections 3.3 and 3.4.
 //
-// `select_cuts`: one thread a block makes a cut for one of its pixels, drawn at random among those that show a surface. `draw_shared`: one thread a
-// pixel draws from its part of its block's cut, or from that of a cut of its own where a guard does not admit it to its block's.
+// `select_cuts`: one thread a block makes a cut for one of its pixels, drawn at random among those that show
+// a surface. `draw_shared`: one thread a pixel draws from its part of its block's cut, or from that of a cut
+// of its own where a guard does not admit it to its block's.
 
 // For each block the length of its cut, the pixel that it was made for, and its nodes.
 @group(0) @binding(5) var<storage, read_write> cuts: array<u32>;

@@ -1,6 +1,7 @@
 // Twin of lighttree/src/sampler.rs: `PerReceiver` over lighttree/src/walk.rs: `TreeSampler`.
 //
-// One thread a receiver draws its row of lights, each by one walk from the root; their first numbers are stratified.
+// One thread a receiver draws its row of lights, each by one walk from the root; their first numbers are
+// stratified.
 
 @compute @workgroup_size(64)
 fn draw_tree(

@@ -1,7 +1,7 @@
 // Twin of stochastic/src/visibility.rs: `NodeLearning::drawn` and `gave`.
 //
-// One workgroup a block; a thread owns a node of its cut and looks through all entries of the block's pixels, which come in order: so sums are
-// the same in every run, without atomics.
+// One workgroup a block; a thread owns a node of its cut and looks through all entries of the block's pixels,
+// which come in order: so sums are the same in every run, without atomics.
 
 @group(0) @binding(0) var<uniform> params: DrawParams;
 @group(0) @binding(1) var<storage, read> cuts: array<u32>;

@@ -1,8 +1,8 @@
 // Twin of lighttree/src/build/morton.rs: `keyed`, with 10 bits an axis.
 // Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4.
 //
-// One workgroup writes the keys of a block of lights, and how often each value of the lowest digit occurs: what `count` of sort.wgsl does for the
-// others.
+// One workgroup writes the keys of a block of lights, and how often each value of the lowest digit occurs:
+// what `count` of sort.wgsl does for the others.
 
 @group(0) @binding(0) var<uniform> params: BuildParams;
 @group(0) @binding(1) var<storage, read> header: TreeHeader;

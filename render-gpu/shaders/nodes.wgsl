@@ -1,9 +1,11 @@
 // Twin of lighttree/src/perfect.rs: `leaf`, `parent`, and the way from a light to its slot.
 // Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4.
 //
-// `leaves`: one thread a leaf. `levels`: one workgroup makes up to 9 levels above 512 nodes of one level, each once: three by threads with 8 nodes
-// (256 bytes) of their own, six in workgroup memory; so a million lights take three dispatches. The paper's threads each read all nodes of the source
-// level below their own instead: no barriers, and more to read. `slots`: one thread a leaf tells the inner node with its light's number.
+// `leaves`: one thread a leaf. `levels`: one workgroup makes up to 9 levels above 512 nodes of one level,
+// each once: three by threads with 8 nodes (256 bytes) of their own, six in workgroup memory; so a million
+// lights take three dispatches. The paper's threads each read all nodes of the source level below their own
+// instead: no barriers, and more to read. `slots`: one thread a leaf tells the inner node with its light's
+// number.
 
 struct LevelGroup {
     // Levels between the leaves and the level that is read.
@@ -16,8 +18,9 @@ struct LevelGroup {
 // Two to a node: min and intensity, max and id.
 @group(0) @binding(3) var<storage, read_write> nodes: array<vec4u>;
 
-// The bits of a positive intensity as those of intensity / 2^exponent, rounded to nearest, ties to even, but not to nothing: on whole numbers, since what comes
-// out may be below the normal numbers, which a device need not have.
+// The bits of a positive intensity as those of intensity / 2^exponent, rounded to nearest, ties to even, but
+// not to nothing: on whole numbers, since what comes out may be below the normal numbers, which a device need
+// not have.
 fn in_units(bits: u32, exponent: u32) -> u32 {
     if (exponent == 0u) {
         return bits;

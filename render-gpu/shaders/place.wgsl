@@ -22,7 +22,8 @@ fn place_instances(
         return;
     }
     let box = in_world(instance, mesh_nodes[instance.first_node]);
-    // A unit of the mesh's intensities is a power of two. What is beyond f32 in the end is left out and counted as no light.
+    // A unit of the mesh's intensities is a power of two. What is beyond f32 in the end is left out and
+    // counted as no light.
     let unit = bitcast<f32>((127u + min(mesh_headers[instance.mesh].unit_exponent, 127u)) << 23u);
     placed[i] = LightRecord(box.min, box.intensity * instance.strength * unit, box.max, i);
 }

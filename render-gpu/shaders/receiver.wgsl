@@ -15,7 +15,8 @@ fn receiver_position(receiver: Receiver) -> vec3f {
     return receiver.position;
 }
 
-// About how much of |f · cos θ| there is for light from the box, up to a factor that is the same for all boxes; 0 only where there is none.
+// About how much of |f · cos θ| there is for light from the box, up to a factor that is the same for all
+// boxes; 0 only where there is none.
 fn receiver_scatter(receiver: Receiver, box: Toward) -> f32 {
     let cosine = toward_cos(box, receiver.normal);
     var scattered = receiver.diffuse * cosine;

@@ -1,9 +1,11 @@
 // Twin of lighttree/src/build/radix.rs: a stable sort by the least significant digit first.
 // Satish, Harris and Garland, "Designing Efficient Sorting Algorithms for Manycore GPUs", 2009.
 //
-// Three dispatches for each digit of 6 bits: `count` how often each occurs in each block of keys (`morton` has done that for the first digit), `scan`
-// where each block's share begins, `scatter` blocks, sorted in workgroup memory, so that what goes to one place is written side by side. A thread owns
-// 16 keys that follow one another, and its own counters: that keeps equal keys in order without atomics. It reads them by four: 16 bytes at a time.
+// Three dispatches for each digit of 6 bits: `count` how often each occurs in each block of keys (`morton`
+// has done that for the first digit), `scan` where each block's share begins, `scatter` blocks, sorted in
+// workgroup memory, so that what goes to one place is written side by side. A thread owns 16 keys that follow
+// one another, and its own counters: that keeps equal keys in order without atomics. It reads them by four:
+// 16 bytes at a time.
 
 @group(0) @binding(0) var<uniform> params: BuildParams;
 @group(0) @binding(1) var<uniform> sorting: SortPass;
@@ -115,8 +117,8 @@ fn scan(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) wor
     }
 }
 
-// Counters of 16 bits, two digits in a word: a row of threads for each pair, one longer than there are threads so that a column is not all in one bank.
-// After that the sorted block: its keys, and its ids.
+// Counters of 16 bits, two digits in a word: a row of threads for each pair, one longer than there are
+// threads so that a column is not all in one bank. After that the sorted block: its keys, and its ids.
 const ROW: u32 = THREADS + 1u;
 const PAIRS: u32 = DIGITS / 2u;
 var<workgroup> counters: array<u32, 2080>;
@@ -166,7 +168,8 @@ fn scatter(
     }
     workgroupBarrier();
 
-    // Sum up over threads: each takes half a row. No sum exceeds the block's 1024, so the halves of words don't spill.
+    // Sum up over threads: each takes half a row. No sum exceeds the block's 1024, so the halves of words
+    // don't spill.
     let half = thread / PAIRS;
     var sum = 0u;
     for (var t = half * PAIRS; t < half * PAIRS + PAIRS; t++) {

@@ -1,8 +1,9 @@
 // Twin of lighttree/src/build/survey.rs: where the lights are, how many, how strong.
 // Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4: bounds by parallel reduction.
 //
-// Two dispatches: each workgroup of `survey` looks at a part of all lights, and the one of `plan` puts the parts together and lays out the
-// tree. Every field is a minimum, a maximum or a count, so the order of looking does not matter.
+// Two dispatches: each workgroup of `survey` looks at a part of all lights, and the one of `plan` puts the
+// parts together and lays out the tree. Every field is a minimum, a maximum or a count, so the order of
+// looking does not matter.
 
 struct Part {
     min: vec3f,
@@ -86,8 +87,8 @@ fn survey(
     }
 }
 
-// 1024 / x, rounded to nearest; 0 where that is infinite. Division on a device need not be that exact, and a cell must
-// be the same everywhere.
+// 1024 / x, rounded to nearest; 0 where that is infinite. Division on a device need not be that exact, and a
+// cell must be the same everywhere.
 fn cells_per(x: f32) -> f32 {
     let bits = bitcast<u32>(x);
     let exponent = i32(bits >> 23u);
@@ -123,7 +124,8 @@ fn cells_per(x: f32) -> f32 {
     return bitcast<f32>((u32(biased) << 23u) | (quotient & 0x7fffffu));
 }
 
-// The smallest exponent of a power of two as whose multiples the intensities of all lights sum up to no more than half of what f32 holds.
+// The smallest exponent of a power of two as whose multiples the intensities of all lights sum up to no more
+// than half of what f32 holds.
 fn unit_exponent(strongest: u32, kept: u32) -> u32 {
     // strongest = mantissa · 2^(exponent - 150), and half of the largest f32 is (2^24 - 1) · 2^103.
     let exponent = strongest >> 23u;

@@ -1,12 +1,14 @@
-//! Lights drawn from a distribution over a large cut that a block of pixels shares, with what shadow rays have told.
+//! Lights drawn from a distribution over a large cut that a block of pixels shares, with what shadow rays
+//! have told.
 //!
-//! The reference is `stochastic`: `SharedCut`, `NodeCdf`, `CutCdf` and `NodeLearning`. With the same seed the same lights are drawn, but where two
-//! probabilities differ in their last bits.
+//! The reference is `stochastic`: `SharedCut`, `NodeCdf`, `CutCdf` and `NodeLearning`. With the same seed the
+//! same lights are drawn, but where two probabilities differ in their last bits.
 //!
-//! Differs from it: no distribution is kept; each pixel passes over its block's nodes twice a frame and keeps every eighth sum. What was learned serves the frames after,
-//! whose random numbers are others, so nothing is biased by it. A new cut of the same block may take over what the one before it has learned
-//! ([`CdfDraws::encode_cuts_keeping`]): node by node, by their ids, so that lights may move and cuts change with the camera. Where a node is no longer about the same place
-//! draws have more noise, and no bias.
+//! Differs from it: no distribution is kept; each pixel passes over its block's nodes twice a frame and keeps
+//! every eighth sum. What was learned serves the frames after, whose random numbers are others, so nothing is
+//! biased by it. A new cut of the same block may take over what the one before it has learned
+//! ([`CdfDraws::encode_cuts_keeping`]): node by node, by their ids, so that lights may move and cuts change
+//! with the camera. Where a node is no longer about the same place draws have more noise, and no bias.
 
 use lighttree::{BatchLightSampler, ChildChoice, SampleRequest, WeightedLight};
 use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder, Queue};
@@ -67,8 +69,9 @@ impl CdfKernels {
         Self::with(gpu, ChildChoice::default(), DEFAULT_RECEIVER)
     }
 
-    /// For the receivers of this WGSL: what [`DEFAULT_RECEIVER`] says, and a third function, `fn receiver_lobes(receiver: Receiver) -> Lobes`, whose
-    /// struct has the fields of [`ScatterLobes`](lighttree::ScatterLobes).
+    /// For the receivers of this WGSL: what [`DEFAULT_RECEIVER`] says, and a third function,
+    /// `fn receiver_lobes(receiver: Receiver) -> Lobes`, whose struct has the fields of
+    /// [`ScatterLobes`](lighttree::ScatterLobes).
     ///
     /// # Errors
     /// [`GpuError::Refused`] for WGSL that does not fit.
@@ -90,7 +93,8 @@ impl CdfKernels {
 
 /// Draws lights for the pixels of one buffer into another, in each frame.
 ///
-/// Memory: 4 (nodes + 1) bytes a block, and with learning 8 bytes a node and block and 8 bytes an entry; rows are 8 bytes an entry, in the host's buffer.
+/// Memory: 4 (nodes + 1) bytes a block, and with learning 8 bytes a node and block and 8 bytes an entry; rows
+/// are 8 bytes an entry, in the host's buffer.
 #[derive(Clone, Debug)]
 pub struct CdfDraws {
     kernels: CdfKernels,
@@ -104,10 +108,12 @@ pub struct CdfDraws {
 }
 
 impl CdfDraws {
-    /// For `receivers`, an array of records of `stride` bytes, into `drawn`, an array of [`WeightedLight`]s: row `i`, `lights` long, is of pixel `i`.
+    /// For `receivers`, an array of records of `stride` bytes, into `drawn`, an array of [`WeightedLight`]s:
+    /// row `i`, `lights` long, is of pixel `i`.
     ///
     /// # Errors
-    /// [`GpuError::Range`] for a number of the options'; [`GpuError::TooMany`] if the picture has more pixels than either has room for.
+    /// [`GpuError::Range`] for a number of the options'; [`GpuError::TooMany`] if the picture has more pixels
+    /// than either has room for.
     pub fn new(
         gpu: &Gpu,
         kernels: &CdfKernels,
@@ -143,7 +149,8 @@ impl CdfDraws {
         Ok(draws)
     }
 
-    /// What is drawn from the next submission on; of the request the number of receivers is not looked at, for it is the picture's.
+    /// What is drawn from the next submission on; of the request the number of receivers is not looked at,
+    /// for it is the picture's.
     pub fn set_request(&self, queue: &Queue, request: &DrawRequest) {
         let CdfOptions { nodes, lights, width, height, block, learn } = self.options;
         let params = DrawParams {
@@ -163,13 +170,15 @@ impl CdfDraws {
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
     }
 
-    /// Records that every block makes a cut, from the tree and the pixels as they are then, and forgets what was learned.
+    /// Records that every block makes a cut, from the tree and the pixels as they are then, and forgets what
+    /// was learned.
     pub fn encode_cuts(&self, encoder: &mut CommandEncoder) {
         self.encode_select(encoder, &self.kernels.select);
     }
 
-    /// Records the same, but the new cuts begin with half of what those before them have learned: of the same node, or of those below it, or
-    /// its part of what the node above it has learned. For the next frame of a film, of as many lights: then a node's id stands for about the same lights.
+    /// Records the same, but the new cuts begin with half of what those before them have learned: of the same
+    /// node, or of those below it, or its part of what the node above it has learned. For the next frame of a
+    /// film, of as many lights: then a node's id stands for about the same lights.
     pub fn encode_cuts_keeping(&self, encoder: &mut CommandEncoder) {
         self.encode_select(encoder, &self.kernels.select_keeping);
     }
@@ -192,7 +201,8 @@ impl CdfDraws {
     /// What learns from the host's `outcomes`.
     ///
     /// # Errors
-    /// [`GpuError::Range`] where nothing is to be learned; [`GpuError::TooMany`] if the buffer has no room for all entries.
+    /// [`GpuError::Range`] where nothing is to be learned; [`GpuError::TooMany`] if the buffer has no room
+    /// for all entries.
     pub fn learner(&self, gpu: &Gpu, outcomes: &Buffer) -> Result<Learner, GpuError> {
         within("draws that learn", u32::from(self.options.learn.is_some()), 1, 1)?;
         let CdfOptions { lights, width, height, .. } = self.options;
@@ -231,7 +241,8 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Records that the outcomes of the draws before are learned: for each entry, an f32, what its light gave the receiver; 0 in shadow; not weighted.
+    /// Records that the outcomes of the draws before are learned: for each entry, an f32, what its light gave
+    /// the receiver; 0 in shadow; not weighted.
     pub fn encode(&self, encoder: &mut CommandEncoder) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("learning"),
@@ -241,7 +252,8 @@ impl Learner {
     }
 }
 
-/// Draws for tools and tests: receivers go up, lights come back. Every receiver has a cut of its own, so batches may be cut into parts.
+/// Draws for tools and tests: receivers go up, lights come back. Every receiver has a cut of its own, so
+/// batches may be cut into parts.
 #[derive(Debug)]
 pub struct BatchCdf<'a> {
     gpu: &'a Gpu,
@@ -262,7 +274,8 @@ impl BatchLightSampler for BatchCdf<'_> {
     type Error = GpuError;
 
     /// # Errors
-    /// [`GpuError::Range`] for the numbers of nodes or lights; [`GpuError::DeviceLost`], and what the device has against it.
+    /// [`GpuError::Range`] for the numbers of nodes or lights; [`GpuError::DeviceLost`], and what the device
+    /// has against it.
     fn sample_batch(
         &mut self,
         receivers: &[ReceiverRecord],

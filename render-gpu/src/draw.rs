@@ -1,7 +1,8 @@
 //! Lights for receivers, drawn on the device from a tree that is there.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3. The references are `lighttree::TreeSampler` and, in `stochastic`, `CutSampler`,
-//! `BlockGrid` and `Interleave`: with the same seed the same lights are drawn, but where two probabilities differ in their last bits.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3. The references are
+//! `lighttree::TreeSampler` and, in `stochastic`, `CutSampler`, `BlockGrid` and `Interleave`: with the same
+//! seed the same lights are drawn, but where two probabilities differ in their last bits.
 
 use lighttree::{BatchLightSampler, ChildChoice, SampleRequest, WeightedLight};
 use wgpu::{BindGroup, BindGroupLayout, Buffer, BufferUsages, CommandEncoder, Queue, ShaderModule};
@@ -50,14 +51,16 @@ pub const BLOCK_SALT: u32 = 0x626c_6f63;
 /// How lights are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
-    /// Each by a walk from the root: as [`PerReceiver`](lighttree::PerReceiver) over [`TreeSampler`](lighttree::TreeSampler).
+    /// Each by a walk from the root: as [`PerReceiver`](lighttree::PerReceiver) over
+    /// [`TreeSampler`](lighttree::TreeSampler).
     Tree {
         /// Lights for each receiver, at most 65535.
         lights: u32,
     },
     /// From each node of a cut that is made for the receiver.
     Cut(CutOptions),
-    /// From each node of a cut that a block of pixels shares. Receivers are the pixels of a picture, row by row.
+    /// From each node of a cut that a block of pixels shares. Receivers are the pixels of a picture, row by
+    /// row.
     SharedCut {
         /// Its nodes.
         cut: CutOptions,
@@ -67,20 +70,23 @@ pub enum Method {
         height: u32,
         /// Side of the blocks, 1 to 64 pixels.
         block: u32,
-        /// Side m of the sub-blocks over which a cut is interleaved, 1 to `block`, which it divides: each pixel draws from 1/m² of it, and all of it in turn from
-        /// frame to frame.
+        /// Side m of the sub-blocks over which a cut is interleaved, 1 to `block`, which it divides: each
+        /// pixel draws from 1/m² of it, and all of it in turn from frame to frame.
         interleave: u32,
         /// When a pixel makes a cut of its own instead; needs kernels [with a guard](DrawOptions::guard).
         guard: Option<Guard>,
     },
 }
 
-/// When a pixel does not use its block's cut but makes one of its own: `stochastic::Guard`, with the same meaning and default.
+/// When a pixel does not use its block's cut but makes one of its own: `stochastic::Guard`, with the same
+/// meaning and default.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guard {
-    /// Smallest cosine between its normal and that of the pixel which the cut was made for, in [-1, 1]; -1 admits all.
+    /// Smallest cosine between its normal and that of the pixel which the cut was made for, in [-1, 1]; -1
+    /// admits all.
     pub min_normal_cos: f32,
-    /// Largest distance of either point from the other's tangent plane, as a share of the smaller depth; infinite admits all.
+    /// Largest distance of either point from the other's tangent plane, as a share of the smaller depth;
+    /// infinite admits all.
     pub max_plane_distance: f32,
     /// Largest distance of the points, as a share of the smaller depth; infinite admits all.
     pub max_distance: f32,
@@ -193,7 +199,8 @@ pub struct DrawOptions<'a> {
     pub receiver: &'a str,
     /// For a [`TwoLevelTree`] and not a [`DeviceTree`].
     pub two_level: bool,
-    /// With a guard of shared cuts, which needs a third function of the receivers: `receiver_lobes`, as [distributions](crate::cdf) do.
+    /// With a guard of shared cuts, which needs a third function of the receivers: `receiver_lobes`, as
+    /// [distributions](crate::cdf) do.
     pub guard: bool,
 }
 
@@ -300,7 +307,8 @@ pub(crate) fn choice_number(choice: ChildChoice) -> f64 {
 
 /// Draws lights for the receivers of one buffer into another, in each frame.
 ///
-/// Memory: the parameters, and of [`SharedCut`](Method::SharedCut) 4 · (nodes + 2) bytes a block; rows are 8 bytes an entry, in the host's buffer.
+/// Memory: the parameters, and of [`SharedCut`](Method::SharedCut) 4 · (nodes + 2) bytes a block; rows are 8
+/// bytes an entry, in the host's buffer.
 #[derive(Clone, Debug)]
 pub struct Draws {
     kernels: DrawKernels,
@@ -313,12 +321,13 @@ pub struct Draws {
 }
 
 impl Draws {
-    /// For `receivers`, an array of records of `stride` bytes, into `drawn`, an array of [`WeightedLight`]s: row `i`, [`Method::lights`] long, is of
-    /// receiver `i`. As many receivers as both have room for.
+    /// For `receivers`, an array of records of `stride` bytes, into `drawn`, an array of [`WeightedLight`]s:
+    /// row `i`, [`Method::lights`] long, is of receiver `i`. As many receivers as both have room for.
     ///
     /// # Errors
-    /// [`GpuError::Range`] for a number of the method's; [`GpuError::TooMany`] if a picture has more pixels than that; [`GpuError::Refused`] if the kernels are
-    /// not for such a tree, or have no guard and the method has.
+    /// [`GpuError::Range`] for a number of the method's; [`GpuError::TooMany`] if a picture has more pixels
+    /// than that; [`GpuError::Refused`] if the kernels are not for such a tree, or have no guard and the
+    /// method has.
     pub fn new<'t>(
         gpu: &Gpu,
         kernels: &DrawKernels,
@@ -438,8 +447,8 @@ pub struct DrawRequest {
     pub eye: [f32; 3],
 }
 
-/// Draws for tools and tests: receivers go up, lights come back. [`Method::Tree`] and [`Method::Cut`] only, whose receivers have nothing to do with one
-/// another.
+/// Draws for tools and tests: receivers go up, lights come back. [`Method::Tree`] and [`Method::Cut`] only,
+/// whose receivers have nothing to do with one another.
 #[derive(Debug)]
 pub struct BatchDraws<'a> {
     gpu: &'a Gpu,
@@ -463,7 +472,8 @@ struct Ready {
 const PART: usize = 1 << 16;
 
 impl<'a> BatchDraws<'a> {
-    /// From a tree that is built already, by walks from the root, or from cuts of these options, of which rows are `nodes` · `per_node` entries.
+    /// From a tree that is built already, by walks from the root, or from cuts of these options, of which
+    /// rows are `nodes` · `per_node` entries.
     pub const fn new(
         gpu: &'a Gpu,
         tree: &'a DeviceTree,
@@ -497,7 +507,8 @@ impl BatchLightSampler for BatchDraws<'_> {
     type Error = GpuError;
 
     /// # Errors
-    /// [`GpuError::Range`] if the rows are not as long as the cut has them; [`GpuError::DeviceLost`], and what the device has against it.
+    /// [`GpuError::Range`] if the rows are not as long as the cut has them; [`GpuError::DeviceLost`], and
+    /// what the device has against it.
     fn sample_batch(
         &mut self,
         receivers: &[ReceiverRecord],
@@ -527,7 +538,8 @@ impl BatchLightSampler for BatchDraws<'_> {
     }
 }
 
-/// Does a batch in parts of at most so many receivers, and of no more entries than a binding holds by default.
+/// Does a batch in parts of at most so many receivers, and of no more entries than a binding holds by
+/// default.
 ///
 /// # Panics
 /// If there is not a row for each receiver.

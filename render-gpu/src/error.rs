@@ -10,8 +10,8 @@ pub enum GpuError {
     NoAdapter(String),
     /// There is an adapter, but it gave no device.
     NoDevice(String),
-    /// The device was lost, or destroyed, before the results were there. Buffers and kernels made on it are gone with it: make
-    /// them anew on another device.
+    /// The device was lost, or destroyed, before the results were there. Buffers and kernels made on it are
+    /// gone with it: make them anew on another device.
     DeviceLost,
     /// A limit of the device is below what is needed.
     Limit {
@@ -54,7 +54,8 @@ pub enum GpuError {
         /// Its range, in words.
         range: &'static str,
     },
-    /// The device refused something: WGSL of the host's that does not fit, or a fault of this crate; with what wgpu says about it.
+    /// The device refused something: WGSL of the host's that does not fit, or a fault of this crate; with
+    /// what wgpu says about it.
     Refused {
         /// What was to be created or done.
         what: String,

@@ -1,15 +1,16 @@
 //! Filters for noisy pictures on the device: SVGF and temporal anti-aliasing.
 //!
-//! The references are `stochastic::filter::{Svgf, Taa}`, where the papers are cited and what differs from them is said; parameters have the same names
-//! and meaning. Kernels do the same operations in the same order as far as WGSL lets them, so pictures agree to rounding.
+//! The references are `stochastic::filter::{Svgf, Taa}`, where the papers are cited and what differs from
+//! them is said; parameters have the same names and meaning. Kernels do the same operations in the same order
+//! as far as WGSL lets them, so pictures agree to rounding.
 //!
 //! # Buffers
-//! [`FilterInputs`] are five arrays of `vec4f`, rows from the top: a host writes them in its own passes. Nothing is read back: what a frame met is counted on the
-//! device and can be asked for.
+//! [`FilterInputs`] are five arrays of `vec4f`, rows from the top: a host writes them in its own passes.
+//! Nothing is read back: what a frame met is counted on the device and can be asked for.
 //!
 //! # Memory
-//! 80 bytes a pixel for the inputs; [`Svgf::BYTES_PER_PIXEL`] for SVGF, [`Taa::BYTES_PER_PIXEL`] for TAA. The largest binding has 32 bytes a pixel: 4 million
-//! pixels in the default limit of 128 MiB.
+//! 80 bytes a pixel for the inputs; [`Svgf::BYTES_PER_PIXEL`] for SVGF, [`Taa::BYTES_PER_PIXEL`] for TAA. The
+//! largest binding has 32 bytes a pixel: 4 million pixels in the default limit of 128 MiB.
 
 mod svgf;
 mod taa;
@@ -31,7 +32,8 @@ pub(crate) const SOURCES: [crate::source::Source; 13] = {
 /// Every record of this module that is shared.
 pub const LAYOUTS: &[Layout] = &[svgf::UNIFORM, svgf::STATE, taa::UNIFORM];
 
-/// One frame, as a filter sees it, in the host's memory: for tools and tests. `stochastic::filter::FilterInput` says what each means.
+/// One frame, as a filter sees it, in the host's memory: for tools and tests.
+/// `stochastic::filter::FilterInput` says what each means.
 #[derive(Clone, Copy, Debug)]
 pub struct FilterFrame<'a> {
     /// Noisy radiance.
@@ -44,7 +46,8 @@ pub struct FilterFrame<'a> {
     pub normal: &'a [Vec3],
     /// Distance from the camera's plane; infinite where there is no surface.
     pub depth: &'a [f32],
-    /// Where the point was in the last frame: pixels right, pixels down, depth; NaN where that is unknown. `None`: everywhere.
+    /// Where the point was in the last frame: pixels right, pixels down, depth; NaN where that is unknown.
+    /// `None`: everywhere.
     pub motion: Option<&'a [Vec3]>,
     /// A number per object; `None`: all are one.
     pub mesh: Option<&'a [u32]>,

@@ -6,17 +6,20 @@ use crate::GpuError;
 
 /// A device and its queue, found fit for the kernels of this crate. Cheap to clone; the host keeps its own.
 ///
-/// Nothing here changes the device: no callback of the host's is replaced, and what is created is created within error
-/// scopes, so that a refusal becomes a [`GpuError`] and neither a panic nor a message to the host's handler.
+/// Nothing here changes the device: no callback of the host's is replaced, and what is created is created
+/// within error scopes, so that a refusal becomes a [`GpuError`] and neither a panic nor a message to the
+/// host's handler.
 #[derive(Clone, Debug)]
 pub struct Gpu {
     device: Device,
     queue: Queue,
 }
 
-/// The limits that kernels of this crate need: WebGPU's defaults, or less. Ask for at least these when requesting a device.
+/// The limits that kernels of this crate need: WebGPU's defaults, or less. Ask for at least these when
+/// requesting a device.
 ///
-/// `max_storage_buffer_binding_size` decides how many lights there can be: 128 MiB are enough for two million.
+/// `max_storage_buffer_binding_size` decides how many lights there can be: 128 MiB are enough for two
+/// million.
 pub fn required_limits() -> Limits {
     Limits::default()
 }
@@ -104,7 +107,8 @@ impl Gpu {
         }
     }
 
-    /// Whether nothing can be created on the device any more. wgpu tells only a callback, of which there is one, and that is the host's.
+    /// Whether nothing can be created on the device any more. wgpu tells only a callback, of which there is
+    /// one, and that is the host's.
     fn is_lost(&self) -> bool {
         let scope = self.device.push_error_scope(ErrorFilter::Validation);
         let probe = self.device.create_buffer(&wgpu::BufferDescriptor {

@@ -118,8 +118,8 @@ impl Kernel {
     }
 }
 
-/// At least so many workgroups in two dimensions, neither above WebGPU's 65535. Kernels number them row by row (`workgroup_index` in
-/// `shaders/lib/grid.wgsl`) and leave alone what is beyond their input.
+/// At least so many workgroups in two dimensions, neither above WebGPU's 65535. Kernels number them row by
+/// row (`workgroup_index` in `shaders/lib/grid.wgsl`) and leave alone what is beyond their input.
 pub(crate) fn grid(workgroups: u32) -> [u32; 2] {
     let rows = workgroups.div_ceil(65535);
     [workgroups.div_ceil(rows.max(1)), rows]

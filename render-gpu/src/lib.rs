@@ -1,12 +1,13 @@
 //! Light trees and many-light sampling on a GPU, for a renderer that has its own.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, sections 3 and 4, as wgpu compute kernels: the device, the encoder, the
-//! buffers of lights and of points to be lit are the host's. The references are `lighttree` and `stochastic`, on the CPU: the same tree to the
-//! bit, and the same random numbers.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, sections 3 and 4, as wgpu compute kernels: the
+//! device, the encoder, the buffers of lights and of points to be lit are the host's. The references are
+//! `lighttree` and `stochastic`, on the CPU: the same tree to the bit, and the same random numbers.
 //!
 //! # Where to begin
 //!
-//! Kernels and buffers once, and in each frame the tree, the draws and the shading, all of them recorded into the host's encoder:
+//! Kernels and buffers once, and in each frame the tree, the draws and the shading, all of them recorded into
+//! the host's encoder:
 //!
 //! ```no_run
 //! use glam::Vec3;
@@ -54,16 +55,22 @@
 //! # }
 //! ```
 //!
-//! `examples/own_frame.rs` runs: a renderer with records, materials and kernels of its own, that shades by itself what was drawn.
+//! `examples/own_frame.rs` runs: a renderer with records, materials and kernels of its own, that shades by
+//! itself what was drawn.
 //!
 //! # Conventions
 //! Those of [`lighttree`], and:
-//! - **Limits.** WebGPU's defaults are enough ([`required_limits`]), and no feature is needed. Workgroups have at most 256 threads.
-//! - **A frame** is recorded into the host's encoder. Nothing is submitted, nothing read back, nothing allocated, and nothing can fail.
-//! - **Creating** kernels and buffers can: [`GpuError`] says what was refused, and the device stays as good as it was.
-//! - **WGSL** is plain files, one after the other ([`source`]); records are the same bytes on both sides ([`records`]).
-//! - **Numbers.** WGSL has no f64 and may assume that there is no NaN. Where the CPU asks f64 a kernel takes what is safe: a light that might contribute is
-//!   never impossible. So a walk on a device differs from one on the CPU now and then, where two probabilities differ in the last bits; both are right.
+//! - **Limits.** WebGPU's defaults are enough ([`required_limits`]), and no feature is needed. Workgroups
+//!   have at most 256 threads.
+//! - **A frame** is recorded into the host's encoder. Nothing is submitted, nothing read back, nothing
+//!   allocated, and nothing can fail.
+//! - **Creating** kernels and buffers can: [`GpuError`] says what was refused, and the device stays as good
+//!   as it was.
+//! - **WGSL** is plain files, one after the other ([`source`]); records are the same bytes on both sides
+//!   ([`records`]).
+//! - **Numbers.** WGSL has no f64 and may assume that there is no NaN. Where the CPU asks f64 a kernel takes
+//!   what is safe: a light that might contribute is never impossible. So a walk on a device differs from one
+//!   on the CPU now and then, where two probabilities differ in the last bits; both are right.
 
 pub mod cdf;
 pub mod draw;

@@ -1,22 +1,25 @@
 //! Rays against a host's geometry, and the place where hardware ray queries go instead.
 //!
-//! [`RayGeometry`] takes the host's binary trees (those of `obvhs` as they are), makes 4-wide quantised nodes of them and
-//! uploads those. The traversal is in `shaders/rays`: watertight, with the CPU's triangle test operation for operation, so both find the
-//! same hits but where a driver rounds otherwise.
+//! [`RayGeometry`] takes the host's binary trees (those of `obvhs` as they are), makes 4-wide quantised nodes
+//! of them and uploads those. The traversal is in `shaders/rays`: watertight, with the CPU's triangle test
+//! operation for operation, so both find the same hits but where a driver rounds otherwise.
 //!
 //! # A host's own rays
 //! Kernels that cast rays know two functions, `trace_closest(origin, direction, t_max) -> Hit` and
-//! `trace_occluded(start, end) -> bool`, and leave group 1 to whoever defines them. [`RaySource`] is that WGSL with its bindings:
-//! [`RayGeometry::source`] is ours, and a host with hardware ray queries writes its own. Geometry without instances has a source without them, which binds one
-//! buffer less: kernels that were made with one kind are refused by wgpu's validation where geometry of the other is bound.
+//! `trace_occluded(start, end) -> bool`, and leave group 1 to whoever defines them. [`RaySource`] is that
+//! WGSL with its bindings: [`RayGeometry::source`] is ours, and a host with hardware ray queries writes its
+//! own. Geometry without instances has a source without them, which binds one buffer less: kernels that were
+//! made with one kind are refused by wgpu's validation where geometry of the other is bound.
 //!
 //! # Memory
-//! 64 bytes a node, of which there are 0.4 to 0.6 for each triangle in scenes of some size, 48 bytes a triangle, 64 an instance: some 80 bytes a triangle. In the
-//! default binding limit of 128 MiB fit 2.7 million triangles (each mesh counted once).
+//! 64 bytes a node, of which there are 0.4 to 0.6 for each triangle in scenes of some size, 48 bytes a
+//! triangle, 64 an instance: some 80 bytes a triangle. In the default binding limit of 128 MiB fit 2.7
+//! million triangles (each mesh counted once).
 //!
 //! # Limits
-//! Those of the CPU's rays, and: coordinates below 1e-38 of the scene's unit may count as 0; a mesh that is placed by a transform is met where f32 puts it, to
-//! 2⁻²² of its coordinates there, which the CPU computes in f64.
+//! Those of the CPU's rays, and: coordinates below 1e-38 of the scene's unit may count as 0; a mesh that is
+//! placed by a transform is met where f32 puts it, to 2⁻²² of its coordinates there, which the CPU computes
+//! in f64.
 
 mod batch;
 mod geometry;
@@ -36,7 +39,8 @@ pub(crate) use batch::{CLOSEST, CLOSEST_INSTANCE, OCCLUDED};
 pub use batch::{DeviceRays, RayKernels};
 pub use geometry::{BinaryNode, BinaryTree, Geometry, GeometryError, InstanceGeometry, MeshGeometry};
 
-/// The WGSL of rays against one mesh: `trace_closest` and `trace_occluded` with what they bind. Every module that casts rays has this text.
+/// The WGSL of rays against one mesh: `trace_closest` and `trace_occluded` with what they bind. Every module
+/// that casts rays has this text.
 const ONE_LEVEL: &str =
     concat!(include_str!("../shaders/rays/bvh.wgsl"), "\n", include_str!("../shaders/rays/one_level.wgsl"));
 
@@ -48,7 +52,8 @@ const TWO_LEVEL: &str =
 #[derive(Clone, Debug)]
 pub struct RaySource {
     /// Defines `fn trace_closest(origin: vec3f, direction: vec3f, t_max: f32) -> Hit` and
-    /// `fn trace_occluded(start: vec3f, end: vec3f) -> bool`; the records are those of `shaders/rays/records.wgsl`.
+    /// `fn trace_occluded(start: vec3f, end: vec3f) -> bool`; the records are those of
+    /// `shaders/rays/records.wgsl`.
     pub wgsl: Cow<'static, str>,
     /// Of group 1.
     pub layout: BindGroupLayout,
@@ -116,8 +121,8 @@ impl RayGeometry {
     /// Packs and uploads. The trees may be dropped afterwards.
     ///
     /// # Errors
-    /// [`UploadError::Geometry`] names what is not sound in it, [`UploadError::Gpu`] what the device lacks: as a rule
-    /// [`GpuError::Limit`] of `max_storage_buffer_binding_size`.
+    /// [`UploadError::Geometry`] names what is not sound in it, [`UploadError::Gpu`] what the device lacks:
+    /// as a rule [`GpuError::Limit`] of `max_storage_buffer_binding_size`.
     pub fn new(gpu: &Gpu, geometry: &Geometry<'_>) -> Result<Self, UploadError> {
         let packed = Packed::new(geometry)?;
         let has_instances = geometry.instances.is_some();
@@ -138,7 +143,8 @@ impl RayGeometry {
         Ok(Self { source, bind_group, has_instances, bytes, triangles, nodes })
     }
 
-    /// The WGSL and the layout that kernels are made with: the same for all geometry [with instances](Self::has_instances), and for all without.
+    /// The WGSL and the layout that kernels are made with: the same for all geometry [with
+    /// instances](Self::has_instances), and for all without.
     pub const fn source(&self) -> &RaySource {
         &self.source
     }

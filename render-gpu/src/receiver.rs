@@ -14,8 +14,9 @@ use lighttree::{Receiver, ScatterLobes, Toward};
 /// // where there is none.
 /// fn receiver_scatter(receiver: Receiver, box: Toward) -> f32
 /// ```
-/// `toward_cos(box, normal)` is about the largest cosine to directions into the box, 0 only where all of it is below the horizon;
-/// `toward_lobe(box, normal, axis, width_squared)` about what a GGX lobe gives in the mean over them. The text may declare other things whose names begin with `host_`.
+/// `toward_cos(box, normal)` is about the largest cosine to directions into the box, 0 only where all of it
+/// is below the horizon; `toward_lobe(box, normal, axis, width_squared)` about what a GGX lobe gives in the
+/// mean over them. The text may declare other things whose names begin with `host_`.
 pub const DEFAULT_RECEIVER: &str = include_str!("../shaders/receiver.wgsl");
 
 /// A point to be lit: 48 bytes, diffuse with one lobe ([`ScatterLobes`]).

@@ -1,12 +1,13 @@
 //! The records that host and kernels share, byte for byte.
 //!
-//! Each is a WGSL struct of the same name. `tests/layout.rs` compares sizes and offsets of all of [`LAYOUTS`] with what naga makes of the
-//! modules; it needs no GPU.
+//! Each is a WGSL struct of the same name. `tests/layout.rs` compares sizes and offsets of all of [`LAYOUTS`]
+//! with what naga makes of the modules; it needs no GPU.
 
 use bytemuck::{Pod, Zeroable};
 use lighttree::LightBounds;
 
-/// One light as the tree's builder reads it: a box and a strength. Written by the host, or by a kernel of its own.
+/// One light as the tree's builder reads it: a box and a strength. Written by the host, or by a kernel of its
+/// own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct LightRecord {
@@ -41,8 +42,8 @@ pub struct TreeHeader {
     pub depth: u32,
     /// Lights left out because their intensity is 0.
     pub dropped: u32,
-    /// Lights left out because a number of theirs is NaN, infinite or negative, or their box inverted. The CPU's builder
-    /// refuses such lights; a frame has nobody to refuse to, so they are counted.
+    /// Lights left out because a number of theirs is NaN, infinite or negative, or their box inverted. The
+    /// CPU's builder refuses such lights; a frame has nobody to refuse to, so they are counted.
     pub invalid: u32,
     /// One unit of a node's intensity stands for 2 to this power, W·sr⁻¹.
     pub unit_exponent: u32,

@@ -1,13 +1,16 @@
 //! Shading of surfaces by drawn lights, with a shadow ray for each.
 //!
-//! The kernel takes the rows that the samplers of this crate wrote ([`lighttree::WeightedLight`]), so nothing is read back between drawing and shading. Surfaces
-//! are Lambert, a Lambert base under a GGX lobe (the metallic-roughness material of glTF, as the workspace's reference host has it), or one with a Phong lobe; a host with
-//! other materials shades by kernels of its own, from the same rows.
+//! The kernel takes the rows that the samplers of this crate wrote ([`lighttree::WeightedLight`]), so nothing
+//! is read back between drawing and shading. Surfaces are Lambert, a Lambert base under a GGX lobe (the
+//! metallic-roughness material of glTF, as the workspace's reference host has it), or one with a Phong lobe;
+//! a host with other materials shades by kernels of its own, from the same rows.
 //!
-//! Points on triangles are drawn by area: exact in the mean, and noisier than by solid angle for surfaces nearer than the triangle is large.
+//! Points on triangles are drawn by area: exact in the mean, and noisier than by solid angle for surfaces
+//! nearer than the triangle is large.
 //!
 //! # Memory
-//! 96 bytes a surface and 16 for its radiance; 64 bytes an emitter: a million fit the default binding limit twice.
+//! 96 bytes a surface and 16 for its radiance; 64 bytes an emitter: a million fit the default binding limit
+//! twice.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -74,8 +77,8 @@ impl EmitterRecord {
         Self { a: position.to_array(), color: intensity.to_array(), ..Self::zeroed() }
     }
 
-    /// A point of this intensity (W·sr⁻¹) along the unit `axis` and within the inner half angle of it, which falls to nothing at the outer one. Angles are
-    /// cosines.
+    /// A point of this intensity (W·sr⁻¹) along the unit `axis` and within the inner half angle of it, which
+    /// falls to nothing at the outer one. Angles are cosines.
     pub fn spot(position: Vec3, axis: Vec3, cos_inner: f32, cos_outer: f32, intensity: Vec3) -> Self {
         Self {
             kind: Self::SPOT,
@@ -86,12 +89,14 @@ impl EmitterRecord {
         }
     }
 
-    /// A virtual point light: this intensity (W·sr⁻¹) along the unit `normal`, and the cosine to it elsewhere.
+    /// A virtual point light: this intensity (W·sr⁻¹) along the unit `normal`, and the cosine to it
+    /// elsewhere.
     pub fn cosine(position: Vec3, normal: Vec3, intensity: Vec3) -> Self {
         Self { kind: Self::COSINE, b: normal.to_array(), ..Self::point(position, intensity) }
     }
 
-    /// A triangle of this radiance (W·m⁻²·sr⁻¹), counter-clockwise seen from the side that emits. Shadow rays end `offset` off it.
+    /// A triangle of this radiance (W·m⁻²·sr⁻¹), counter-clockwise seen from the side that emits. Shadow rays
+    /// end `offset` off it.
     pub fn triangle([a, b, c]: [Vec3; 3], radiance: Vec3, two_sided: bool, offset: f32) -> Self {
         Self {
             kind: if two_sided { Self::TWO_SIDED_TRIANGLE } else { Self::TRIANGLE },
@@ -117,13 +122,15 @@ pub struct SurfaceRecord {
     pub stream: u32,
     /// Unit shading normal on the viewer's side.
     pub normal: [f32; 3],
-    /// Width of a GGX lobe, roughness²; 0: there is no lobe; negative: the lobe is Phong's, and this is minus its exponent, which is positive.
+    /// Width of a GGX lobe, roughness²; 0: there is no lobe; negative: the lobe is Phong's, and this is minus
+    /// its exponent, which is positive.
     pub alpha: f32,
     /// Unit direction to the viewer.
     pub view: [f32; 3],
     /// Reflectance of the lobe at grazing incidence.
     pub f90: f32,
-    /// Albedo of the base ÷ π; under a lobe, ÷ (1 - F̄) as well, F̄ being the mean of the interface's reflectance.
+    /// Albedo of the base ÷ π; under a lobe, ÷ (1 - F̄) as well, F̄ being the mean of the interface's
+    /// reflectance.
     pub base: [f32; 3],
     /// Reflectance of the interface over the base at normal incidence.
     pub interface_f0: f32,
@@ -134,7 +141,8 @@ pub struct SurfaceRecord {
 }
 
 impl SurfaceRecord {
-    /// A Lambert surface of this albedo, with one unit normal for everything. Its shadow rays start `offset` off it; `stream` is the pixel as a rule.
+    /// A Lambert surface of this albedo, with one unit normal for everything. Its shadow rays start `offset`
+    /// off it; `stream` is the pixel as a rule.
     pub fn lambert(position: Vec3, normal: Vec3, albedo: Vec3, offset: f32, stream: u32) -> Self {
         Self {
             position: position.to_array(),
@@ -226,9 +234,10 @@ pub struct Shading {
 const WIDTH: u32 = 64;
 
 impl Shading {
-    /// Binds the host's `surfaces` ([`SurfaceRecord`]) and `emitters` ([`EmitterRecord`]) and the rows in `drawn`
-    /// ([`WeightedLight`](lighttree::WeightedLight)), and makes room for the radiance. `outcomes` holds an f32 for each entry of `drawn`: the luminance that its
-    /// light gave, 0 in shadow, for samplers that learn.
+    /// Binds the host's `surfaces` ([`SurfaceRecord`]) and `emitters` ([`EmitterRecord`]) and the rows in
+    /// `drawn` ([`WeightedLight`](lighttree::WeightedLight)), and makes room for the radiance. `outcomes`
+    /// holds an f32 for each entry of `drawn`: the luminance that its light gave, 0 in shadow, for samplers
+    /// that learn.
     ///
     /// # Errors
     /// What the device has against it.
@@ -266,7 +275,8 @@ impl Shading {
         Ok(())
     }
 
-    /// Records the shading of all surfaces that there is room for; those beyond [`ShadeParams::surfaces`] cost next to nothing.
+    /// Records the shading of all surfaces that there is room for; those beyond [`ShadeParams::surfaces`]
+    /// cost next to nothing.
     pub fn encode(&self, encoder: &mut CommandEncoder, geometry: &RayGeometry) {
         let mut pass = encoder.begin_compute_pass(&Default::default());
         self.encode_in(&mut pass, geometry);

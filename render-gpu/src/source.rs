@@ -1,10 +1,11 @@
 //! How kernels are put together: plain WGSL files, one after the other.
 //!
-//! WGSL's declarations see one another in any order within a module, so a module is a list of files and nothing else: no
-//! preprocessor, no build script, and every file can be edited and checked with ordinary tools. Considered and left out: `naga_oil` (its shaders are
-//! no longer plain WGSL, and need a feature of wgpu that others do not), WESL (compiles as long as wgpu does). What differs between variants is
-//! an `override` constant, set where the pipeline is made. Files in `shaders/lib/` declare no bindings; each kernel's own file
-//! does, and `draws.wgsl` and `two_level.wgsl` for several.
+//! WGSL's declarations see one another in any order within a module, so a module is a list of files and
+//! nothing else: no preprocessor, no build script, and every file can be edited and checked with ordinary
+//! tools. Considered and left out: `naga_oil` (its shaders are no longer plain WGSL, and need a feature of
+//! wgpu that others do not), WESL (compiles as long as wgpu does). What differs between variants is an
+//! `override` constant, set where the pipeline is made. Files in `shaders/lib/` declare no bindings; each
+//! kernel's own file does, and `draws.wgsl` and `two_level.wgsl` for several.
 
 /// The text of one module.
 #[derive(Clone, Copy, Debug)]
@@ -13,7 +14,8 @@ pub struct Source {
     pub name: &'static str,
     /// All of its WGSL, but for a host's receivers if it [asks for them](Self::takes_receiver).
     pub text: &'static str,
-    /// Whether the WGSL of a receiver has to be added: [`DEFAULT_RECEIVER`](crate::DEFAULT_RECEIVER) or the host's own.
+    /// Whether the WGSL of a receiver has to be added: [`DEFAULT_RECEIVER`](crate::DEFAULT_RECEIVER) or the
+    /// host's own.
     pub takes_receiver: bool,
 }
 

@@ -7,7 +7,8 @@ use wgpu::{
 
 use crate::{Gpu, GpuError};
 
-/// Marks between stages, written by the device as it passes them. Without the feature `TIMESTAMP_QUERY` nothing is recorded.
+/// Marks between stages, written by the device as it passes them. Without the feature `TIMESTAMP_QUERY`
+/// nothing is recorded.
 #[derive(Debug)]
 pub struct StageTimes {
     /// With what the queries are resolved into.

@@ -6,7 +6,8 @@ use wgpu::{Buffer, BufferDescriptor, BufferUsages, MapMode, PollType};
 use crate::{Gpu, GpuError};
 
 impl Gpu {
-    /// A buffer of so many bytes (rounded up to 4, at least 16), all zero; a storage buffer that can be copied from and to, and whatever else `usage` says.
+    /// A buffer of so many bytes (rounded up to 4, at least 16), all zero; a storage buffer that can be
+    /// copied from and to, and whatever else `usage` says.
     ///
     /// # Errors
     /// [`GpuError::Limit`] if it could not be bound or made, [`GpuError::OutOfMemory`].

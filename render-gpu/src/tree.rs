@@ -1,15 +1,18 @@
 //! The light tree, built on the device.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4. What comes out is [`lighttree::PerfectTree`] over keys of 30 bits, to the bit: the
-//! same order, the same boxes, the same sums.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4. What comes out is
+//! [`lighttree::PerfectTree`] over keys of 30 bits, to the bit: the same order, the same boxes, the same
+//! sums.
 //!
 //! Differs from the paper:
-//! - Keys are sorted by a radix sort, which is stable, so equal keys are in the order of their lights in every frame. The paper's bitonic sort is there
-//!   to compare with ([`Sort::Bitonic`]).
+//! - Keys are sorted by a radix sort, which is stable, so equal keys are in the order of their lights in
+//!   every frame. The paper's bitonic sort is there to compare with ([`Sort::Bitonic`]).
 //! - Bogus leaves are not stored, and a level of nodes is made once, in groups of nine.
-//! - The sort works in the memory of the nodes, before there are any: a tree takes 64 bytes a light, the paper's arrays of keys included.
+//! - The sort works in the memory of the nodes, before there are any: a tree takes 64 bytes a light, the
+//!   paper's arrays of keys included.
 //! - Lights without intensity, and what is no light at all, are left out and counted on the device.
-//! - A cell's scale is divided in whole numbers, so a device that rounds divisions its own way has the same keys.
+//! - A cell's scale is divided in whole numbers, so a device that rounds divisions its own way has the same
+//!   keys.
 
 use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder, ComputePass, Queue};
 
@@ -66,8 +69,8 @@ pub enum Sort {
     /// By digits of 6 bits: 14 dispatches, the keys' own included.
     #[default]
     Radix,
-    /// By comparisons, as in the paper: more dispatches the more lights there are (66 + 1 for a million), and a barrier for nearly every step. Equal keys are told apart by
-    /// the lights' numbers.
+    /// By comparisons, as in the paper: more dispatches the more lights there are (66 + 1 for a million), and
+    /// a barrier for nearly every step. Equal keys are told apart by the lights' numbers.
     Bitonic,
 }
 
@@ -135,8 +138,8 @@ fn take<const N: usize>(kernels: Vec<Kernel>) -> [Kernel; N] {
 
 /// A tree of the lights of one buffer, in memory for a given number of them.
 ///
-/// Memory: 64 bytes a light, sorting included, and less than 32 KiB however few there are; not counting the lights' own 32 bytes, which are
-/// the host's.
+/// Memory: 64 bytes a light, sorting included, and less than 32 KiB however few there are; not counting the
+/// lights' own 32 bytes, which are the host's.
 #[derive(Clone, Debug)]
 pub struct DeviceTree {
     kernels: TreeKernels,
@@ -169,11 +172,12 @@ enum BitonicStep {
 }
 
 impl DeviceTree {
-    /// Memory for a tree over the lights of `lights`, which holds [`LightRecord`]s, and over as many of them as there is room for.
+    /// Memory for a tree over the lights of `lights`, which holds [`LightRecord`]s, and over as many of them
+    /// as there is room for.
     ///
     /// # Errors
-    /// [`GpuError::Limit`] where the limits of the device allow for fewer, `max_storage_buffer_binding_size` as a rule: 128 MiB, the
-    /// default, are enough for 2,097,000 lights. [`GpuError::OutOfMemory`].
+    /// [`GpuError::Limit`] where the limits of the device allow for fewer, `max_storage_buffer_binding_size`
+    /// as a rule: 128 MiB, the default, are enough for 2,097,000 lights. [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, kernels: &TreeKernels, lights: &Buffer, sort: Sort) -> Result<Self, GpuError> {
         let capacity = (lights.size() / size_of::<LightRecord>() as u64).min(1 << 31) as u32;
         let blocks = capacity.div_ceil(BLOCK).max(1);
@@ -314,8 +318,9 @@ impl DeviceTree {
         &self.header
     }
 
-    /// [`PerfectNode`](lighttree::PerfectNode)s, level by level, the root first, as [`PerfectTree::nodes`](lighttree::PerfectTree::nodes) has them: as many as follow
-    /// from the number of lights in the tree.
+    /// [`PerfectNode`](lighttree::PerfectNode)s, level by level, the root first, as
+    /// [`PerfectTree::nodes`](lighttree::PerfectTree::nodes) has them: as many as follow from the number of
+    /// lights in the tree.
     pub const fn nodes(&self) -> &Buffer {
         &self.nodes
     }
@@ -346,7 +351,8 @@ fn ceil_log2(count: u32) -> u32 {
     count.max(1).next_power_of_two().trailing_zeros()
 }
 
-/// `SortPass` of `shaders/lib/build.wgsl`: between set B, where the keys are at first, and set A, where the ids have to be at last.
+/// `SortPass` of `shaders/lib/build.wgsl`: between set B, where the keys are at first, and set A, where the
+/// ids have to be at last.
 fn sort_pass(pass: u32, stride: u32) -> [u32; 8] {
     let (a, b) = (0, 2 * stride);
     let (from, to) = if pass.is_multiple_of(2) { (b, a) } else { (a, b) };
@@ -354,8 +360,8 @@ fn sort_pass(pass: u32, stride: u32) -> [u32; 8] {
     [pass * DIGIT_BITS, from, from + stride, to, to + stride, is(pass == 0), is(pass + 1 == PASSES), 0]
 }
 
-/// The steps of a bitonic sort of so many keys, and `Step` of `shaders/bitonic.wgsl`: length of the runs that are merged, and distance of those
-/// compared. What is within 512 keys of one another is done together.
+/// The steps of a bitonic sort of so many keys, and `Step` of `shaders/bitonic.wgsl`: length of the runs that
+/// are merged, and distance of those compared. What is within 512 keys of one another is done together.
 fn bitonic_steps(count: u32) -> Vec<(BitonicStep, [u32; 4])> {
     let length = count.max(1).next_power_of_two();
     let mut steps = vec![(BitonicStep::Pair, [length, 0, 0, 0]), (BitonicStep::SortLocal, [length, 0, 0, 0])];

@@ -1,14 +1,19 @@
-//! Light trees of two levels: one tree for the lights of each mesh, shared by its instances, and one over the instances, built anew in each frame.
+//! Light trees of two levels: one tree for the lights of each mesh, shared by its instances, and one over the
+//! instances, built anew in each frame.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, sections 3.1 and 4. Where whole meshes move, a frame places the instances and builds the tree over
-//! them; the trees of the meshes stay. Lights are those of instance 0, then those of instance 1, and so on, as in `stochastic::TwoLevelTree`.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, sections 3.1 and 4. Where whole meshes move, a
+//! frame places the instances and builds the tree over them; the trees of the meshes stay. Lights are those
+//! of instance 0, then those of instance 1, and so on, as in `stochastic::TwoLevelTree`.
 //!
 //! Differs from the paper and from there:
-//! - A walk takes the nodes of a mesh to world space, under any transform, where `stochastic::TwoLevelSampler` takes the receiver to mesh space if
-//!   its whole look can be turned: so a host's receivers need no third function. Boxes grow where an instance is turned, by at most √3 along an axis.
+//! - A walk takes the nodes of a mesh to world space, under any transform, where
+//!   `stochastic::TwoLevelSampler` takes the receiver to mesh space if its whole look can be turned: so a
+//!   host's receivers need no third function. Boxes grow where an instance is turned, by at most √3 along an
+//!   axis.
 //! - The tree over the instances is a [`DeviceTree`], and no node knows directions.
-//! - Cuts are cuts of the tree over the instances; from each of their nodes a walk goes down through both. Cuts that are finer than the instances need
-//!   lights in world space, and so do [distributions](crate::cdf).
+//! - Cuts are cuts of the tree over the instances; from each of their nodes a walk goes down through both.
+//!   Cuts that are finer than the instances need lights in world space, and so do
+//!   [distributions](crate::cdf).
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Mat3A};
@@ -91,12 +96,13 @@ pub struct LightMesh<'a> {
 pub struct LightInstance {
     /// Index of the mesh.
     pub mesh: u32,
-    /// Mesh to world space. One that is not finite, or takes its lights beyond f32, leaves the instance out of the tree, counted in
-    /// [`TreeHeader::invalid`].
+    /// Mesh to world space. One that is not finite, or takes its lights beyond f32, leaves the instance out
+    /// of the tree, counted in [`TreeHeader::invalid`].
     pub to_world: Affine3A,
 }
 
-/// `LightInstance` in WGSL. A host whose own kernels move instances writes `x`, `y` and `z` and leaves the rest.
+/// `LightInstance` in WGSL. A host whose own kernels move instances writes `x`, `y` and `z` and leaves the
+/// rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct InstanceRecord {
@@ -145,7 +151,8 @@ pub(crate) fn layout(gpu: &Gpu) -> Result<BindGroupLayout, GpuError> {
 
 /// Trees of meshes, and a tree over their instances.
 ///
-/// Memory: for each mesh what [`DeviceTree`] has, once, and 160 bytes an instance: its record, its light, and two nodes.
+/// Memory: for each mesh what [`DeviceTree`] has, once, and 160 bytes an instance: its record, its light, and
+/// two nodes.
 #[derive(Clone, Debug)]
 pub struct TwoLevelTree {
     place: Kernel,
@@ -168,10 +175,12 @@ struct Mesh {
 }
 
 impl TwoLevelTree {
-    /// Builds the trees of `meshes`, once for all, and makes room for so many instances, of which there are none yet.
+    /// Builds the trees of `meshes`, once for all, and makes room for so many instances, of which there are
+    /// none yet.
     ///
     /// # Errors
-    /// [`GpuError::Limit`] where the meshes together have more nodes than a binding holds; whatever else the device has against it.
+    /// [`GpuError::Limit`] where the meshes together have more nodes than a binding holds; whatever else the
+    /// device has against it.
     pub fn new(
         gpu: &Gpu,
         kernels: &TwoLevelKernels,
@@ -225,10 +234,12 @@ impl TwoLevelTree {
         Ok(Self { place, meshes, instances, headers, nodes, count, placed, top, place_group, levels })
     }
 
-    /// From the next submission on the tree is over these instances, once it is built. Returns the number of each one's first light.
+    /// From the next submission on the tree is over these instances, once it is built. Returns the number of
+    /// each one's first light.
     ///
     /// # Errors
-    /// [`GpuError::TooMany`] if there is no room for so many, or their lights are more than 32-bit ids tell apart; [`GpuError::Range`] for a mesh that is not there.
+    /// [`GpuError::TooMany`] if there is no room for so many, or their lights are more than 32-bit ids tell
+    /// apart; [`GpuError::Range`] for a mesh that is not there.
     pub fn set_instances(&self, queue: &Queue, instances: &[LightInstance]) -> Result<Vec<u32>, GpuError> {
         let too_many = |what, count: usize, most| Err(GpuError::TooMany { what, count: count as u64, most });
         if instances.len() > self.top.capacity() as usize {
@@ -320,8 +331,8 @@ impl Mesh {
     }
 }
 
-/// What the area of a surface is multiplied by: exact where all axes are scaled alike, and otherwise a mean over surfaces that face any way, which steers
-/// draws between instances and nothing else.
+/// What the area of a surface is multiplied by: exact where all axes are scaled alike, and otherwise a mean
+/// over surfaces that face any way, which steers draws between instances and nothing else.
 fn area_factor(m: &Mat3A) -> f32 {
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.as_dvec3());
     let squares = [y.cross(z), z.cross(x), x.cross(y)].map(|normal| normal.length_squared());

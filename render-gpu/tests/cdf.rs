@@ -1,4 +1,5 @@
-//! Distributions over shared cuts on the device against those of `stochastic`: the same lights, but for counted ties; and what is learned.
+//! Distributions over shared cuts on the device against those of `stochastic`: the same lights, but for
+//! counted ties; and what is learned.
 
 mod common;
 #[path = "common/scene.rs"]
@@ -226,7 +227,8 @@ fn truth(pixels: &[ReceiverRecord], lights: &[LightBounds]) -> Vec<f64> {
     pixels.iter().map(of).collect()
 }
 
-/// What a node of a new cut begins with: half of what the cut before has learned of it, of what is below it, or its part of what is above it.
+/// What a node of a new cut begins with: half of what the cut before has learned of it, of what is below it,
+/// or its part of what is above it.
 fn kept(node: NodeId, cut: &[NodeId], learned: &[[f32; 2]]) -> [f64; 2] {
     let mut sum = [0.0; 2];
     for (other, learned) in cut.iter().zip(learned) {

@@ -1,4 +1,5 @@
-//! Lights drawn on the device against those that `lighttree` and `stochastic` draw: the same, but for counted ties.
+//! Lights drawn on the device against those that `lighttree` and `stochastic` draw: the same, but for counted
+//! ties.
 
 mod common;
 #[path = "common/scene.rs"]

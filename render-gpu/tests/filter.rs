@@ -104,7 +104,8 @@ impl Film {
     }
 }
 
-/// Largest difference of two pictures relative to the first's mean, and how many pixels differ by more than `tolerance` of that.
+/// Largest difference of two pictures relative to the first's mean, and how many pixels differ by more than
+/// `tolerance` of that.
 fn difference(a: &[Vec3], b: &[Vec3], tolerance: f32) -> (f32, usize) {
     let mean = a.iter().map(|c| c.element_sum() / 3.0).sum::<f32>() / a.len() as f32;
     let largest = |a: &Vec3, b: &Vec3| {

@@ -120,7 +120,8 @@ const LITTLE_MEMORY: &str = "LIGHTTREE_TEST_LITTLE_MEMORY";
 #[test]
 fn memory_that_runs_out_is_an_error_and_no_more() {
     let shared = gpu_or_skip!();
-    // A software driver's memory is the process's, which then has to be one of its own with little of it; others are asked to refuse what goes beyond a part of theirs.
+    // A software driver's memory is the process's, which then has to be one of its own with little of it;
+    // others are asked to refuse what goes beyond a part of theirs.
     let is_software = shared.device().adapter_info().device_type == wgpu::DeviceType::Cpu;
     if is_software && cfg!(unix) && std::env::var_os(LITTLE_MEMORY).is_none() {
         let this = std::env::current_exe().unwrap();
@@ -168,7 +169,8 @@ fn memory_that_runs_out_is_an_error_and_no_more() {
     assert_eq!(gpu.read::<TreeHeader>(tree.header(), 1).unwrap()[0].len, 100);
 }
 
-/// The device is lost between two frames: what is recorded does not panic, what waits says so, and another device does.
+/// The device is lost between two frames: what is recorded does not panic, what waits says so, and another
+/// device does.
 #[test]
 fn a_lost_device_is_said_to_be_lost() {
     let _ = gpu_or_skip!();

@@ -1,4 +1,5 @@
-//! Modules and records, without a GPU: each concatenation is valid WGSL, and records are the same bytes on both sides.
+//! Modules and records, without a GPU: each concatenation is valid WGSL, and records are the same bytes on
+//! both sides.
 
 use std::collections::BTreeSet;
 

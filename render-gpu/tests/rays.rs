@@ -13,7 +13,8 @@ use render_gpu::rays::{
 };
 use scene::{RaysParams, SceneRays};
 
-/// Rays from random places in a box around everything, to anywhere or to the triangles' own corners and edges.
+/// Rays from random places in a box around everything, to anywhere or to the triangles' own corners and
+/// edges.
 fn rays(uploaded: &Uploaded, count: u32) -> (Vec<Ray>, Vec<Segment>) {
     let triangles = uploaded.world_triangles();
     let (low, high) = triangles
@@ -108,7 +109,8 @@ fn sphere(levels: u32) -> Vec<[Vec3; 3]> {
     triangles
 }
 
-/// How many rays from inside a sphere at its corners, edges and faces get out, by these rays; of segments as well.
+/// How many rays from inside a sphere at its corners, edges and faces get out, by these rays; of segments as
+/// well.
 fn leaks(gpu: &render_gpu::Gpu, place: Affine3A, edit: impl Fn(&str) -> String) -> [usize; 2] {
     let triangles = sphere(5);
     let placed: Vec<_> = triangles.iter().map(|t| t.map(|v| place.transform_point3(v))).collect();
@@ -256,7 +258,8 @@ fn empty_and_degenerate_geometry_is_answered() {
     assert_eq!(hit(&Geometry { meshes: &[mesh], instances: None }), Some(0));
 }
 
-/// A thousandth before the wall and a thousandth beyond it, along an axis and aslant; rays with an end likewise.
+/// A thousandth before the wall and a thousandth beyond it, along an axis and aslant; rays with an end
+/// likewise.
 #[test]
 fn segments_and_rays_end_where_they_end() {
     let gpu = gpu_or_skip!();

@@ -1,4 +1,5 @@
-//! Shading on the device against the reference host's materials, lights and rays: the same points on the same lights.
+//! Shading on the device against the reference host's materials, lights and rays: the same points on the same
+//! lights.
 
 mod common;
 
@@ -169,7 +170,8 @@ fn surfaces_shine_as_in_the_reference_host() {
     }
 }
 
-/// Nothing between the device and an instance's transform: the same radiance from both layouts of the geometry.
+/// Nothing between the device and an instance's transform: the same radiance from both layouts of the
+/// geometry.
 #[test]
 fn two_levels_cast_the_same_shadows() {
     let gpu = gpu_or_skip!();

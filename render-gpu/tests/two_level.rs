@@ -1,4 +1,5 @@
-//! Trees of two levels on the device: against walks of `lighttree` over the same levels as one tree, and against `stochastic`'s.
+//! Trees of two levels on the device: against walks of `lighttree` over the same levels as one tree, and
+//! against `stochastic`'s.
 
 mod common;
 #[path = "common/scene.rs"]
@@ -87,7 +88,8 @@ fn in_world(to_world: &Affine3A, low: Vec3, high: Vec3) -> (Vec3, Vec3) {
     (min, max)
 }
 
-/// Both levels as one tree in world space. A node of the mesh below instance `i` is `(i + 1) << 16 | its id`, and its slots begin at the instance's slot << 16.
+/// Both levels as one tree in world space. A node of the mesh below instance `i` is `(i + 1) << 16 | its id`,
+/// and its slots begin at the instance's slot << 16.
 struct Twin {
     top: PerfectTree,
     meshes: Vec<PerfectTree>,
@@ -301,7 +303,8 @@ fn in_the_world(meshes: &[Vec<LightBounds>], instances: &[LightInstance]) -> Vec
     instances.iter().flat_map(of).collect()
 }
 
-/// Every method's mean is the sum over all lights, and walks are about as good as `stochastic`'s, which take receivers to mesh space.
+/// Every method's mean is the sum over all lights, and walks are about as good as `stochastic`'s, which take
+/// receivers to mesh space.
 #[test]
 fn all_methods_see_all_lights_as_those_of_stochastic_do() {
     let gpu = gpu_or_skip!();

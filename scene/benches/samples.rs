@@ -1,11 +1,13 @@
 //! What does a shadowed light sample cost beyond its shadow ray?
 //!
-//! The whole of a method (drawing lights, evaluating materials, casting, adding up) against the bare any-hit queries of the same segments in
-//! the same order, one by one, in turns in one run. The ratio is printed; it should be at most 2. Each is the CPU time of the best of its
-//! rounds, since other work on the machine only adds to it.
+//! The whole of a method (drawing lights, evaluating materials, casting, adding up) against the bare any-hit
+//! queries of the same segments in the same order, one by one, in turns in one run. The ratio is printed; it
+//! should be at most 2. Each is the CPU time of the best of its rounds, since other work on the machine only
+//! adds to it.
 //!
-//! A light that faces away, or lies below the surface, is drawn and weighed but needs no segment. So a method that draws
-//! many of those does more than one draw for each segment: how many is printed, and what the method costs beyond its rays for each draw.
+//! A light that faces away, or lies below the surface, is drawn and weighed but needs no segment. So a method
+//! that draws many of those does more than one draw for each segment: how many is printed, and what the
+//! method costs beyond its rays for each draw.
 
 use std::hint::black_box;
 use std::sync::Mutex;
@@ -159,8 +161,8 @@ fn measure<'a, D>(
     group.finish();
 }
 
-/// Whether the first word on the command line, if any, names this or a part of it: as with criterion itself, but asked
-/// before anything is built.
+/// Whether the first word on the command line, if any, names this or a part of it: as with criterion itself,
+/// but asked before anything is built.
 fn is_wanted(name: &str) -> bool {
     let filter = std::env::args().skip(1).find(|argument| !argument.starts_with('-'));
     filter.is_none_or(|wanted| name.contains(&wanted) || wanted.starts_with(name))

@@ -1,7 +1,7 @@
 //! Every light at every point: the reference for all other methods of direct light.
 //!
-//! The loop runs over the lights, and each asks for all its shadow rays at once, from one point on it to all points of the
-//! square: such a bundle is several times faster to trace than single rays.
+//! The loop runs over the lights, and each asks for all its shadow rays at once, from one point on it to all
+//! points of the square: such a bundle is several times faster to trace than single rays.
 
 use glam::{DVec3, Vec3};
 use lighttree::LightId;
@@ -14,9 +14,9 @@ use crate::shading::{Geometry, ShadingPoint};
 /// Every light at every point.
 ///
 /// Points on a light with an area are drawn for each camera sample. Where there are few such lights (at most
-/// [`BruteForce::OWN_POINTS`]), and where the light is [near](Light::NEAR), each shading point draws its own, as many as
-/// [`LightView::points`](crate::LightView::points) says; otherwise all points of a square share one, which leaves every pixel unbiased, and
-/// neighbours' errors alike.
+/// [`BruteForce::OWN_POINTS`]), and where the light is [near](Light::NEAR), each shading point draws its own,
+/// as many as [`LightView::points`](crate::LightView::points) says; otherwise all points of a square share
+/// one, which leaves every pixel unbiased, and neighbours' errors alike.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BruteForce;
 
@@ -28,7 +28,8 @@ impl BruteForce {
 /// Reused from call to call.
 #[derive(Debug, Default)]
 pub struct BruteScratch {
-    /// Points that the light can reach if nothing is between, and what they get then: value and what a clamp took.
+    /// Points that the light can reach if nothing is between, and what they get then: value and what a clamp
+    /// took.
     lit: Vec<(usize, Vec3, Vec3)>,
     targets: Vec<Vec3>,
     occluded: Vec<bool>,

@@ -1,8 +1,9 @@
 //! What a surface does to light: evaluation, sampling and bounds of scattering.
 //!
-//! Conventions: `normal` is the unit shading normal on the viewer's side, `wo` points to the viewer and `wi` to where light comes
-//! from, both unit and away from the surface. Every function includes the receiver's cosine: *scattering* is `f_s` · cos θ in sr⁻¹.
-//! None of these surfaces lets diffuse light through, so `wi` below the normal scatters nothing.
+//! Conventions: `normal` is the unit shading normal on the viewer's side, `wo` points to the viewer and `wi`
+//! to where light comes from, both unit and away from the surface. Every function includes the receiver's
+//! cosine: *scattering* is `f_s` · cos θ in sr⁻¹. None of these surfaces lets diffuse light through, so `wi`
+//! below the normal scatters nothing.
 
 mod dielectric;
 mod ggx;
@@ -82,7 +83,8 @@ impl Bsdf {
         }
     }
 
-    /// Density of [`sample`](Self::sample) at `wi`, per steradian; 0 for specular surfaces and below the horizon.
+    /// Density of [`sample`](Self::sample) at `wi`, per steradian; 0 for specular surfaces and below the
+    /// horizon.
     pub fn pdf(&self, normal: Vec3, wo: Vec3, wi: Vec3) -> f32 {
         match self {
             Self::Lambert { .. } => FRAC_1_PI * normal.dot(wi).max(0.0),
@@ -92,8 +94,8 @@ impl Bsdf {
         }
     }
 
-    /// Draws a direction by three numbers in [0, 1): `u[0]` chooses the lobe. `None`: the sample is lost (below the
-    /// horizon, or nothing is scattered) and counts as zero.
+    /// Draws a direction by three numbers in [0, 1): `u[0]` chooses the lobe. `None`: the sample is lost
+    /// (below the horizon, or nothing is scattered) and counts as zero.
     pub fn sample(&self, normal: Vec3, wo: Vec3, u: [f32; 3], transport: Transport) -> Option<BsdfSample> {
         match self {
             Self::Lambert { albedo } => {
@@ -117,7 +119,8 @@ impl Bsdf {
         }
     }
 
-    /// Reflectance of the diffuse part as seen from `wo`, each channel in [0, 1]: what a virtual point light sends on.
+    /// Reflectance of the diffuse part as seen from `wo`, each channel in [0, 1]: what a virtual point light
+    /// sends on.
     pub fn diffuse_albedo(&self, normal: Vec3, wo: Vec3) -> Vec3 {
         match self {
             Self::Lambert { albedo } => *albedo,
@@ -127,8 +130,8 @@ impl Bsdf {
         }
     }
 
-    /// About the share of light from everywhere that goes to `wo`, each channel in [0, 1]: the diffuse part and what a lobe reflects at normal incidence. What a
-    /// filter takes out of a picture and puts back.
+    /// About the share of light from everywhere that goes to `wo`, each channel in [0, 1]: the diffuse part
+    /// and what a lobe reflects at normal incidence. What a filter takes out of a picture and puts back.
     pub fn reflectance(&self, normal: Vec3, wo: Vec3) -> Vec3 {
         let lobe = match self {
             Self::Lambert { .. } => Vec3::ZERO,
@@ -145,7 +148,8 @@ impl Bsdf {
         matches!(self, Self::Ggx(_) | Self::Phong(_))
     }
 
-    /// Upper bound of any channel of [`scatter`](Self::scatter) over the directions in `toward`, seen from `position`.
+    /// Upper bound of any channel of [`scatter`](Self::scatter) over the directions in `toward`, seen from
+    /// `position`.
     pub fn scatter_bound(&self, position: Vec3, normal: Vec3, wo: Vec3, toward: &Toward) -> f32 {
         match self {
             Self::Lambert { albedo } => lambert(position, normal, *albedo).scatter_bound(toward),

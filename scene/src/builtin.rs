@@ -12,8 +12,9 @@
 //! | `glass-cube` | a glass cube with a ring inside, and its caustic | one small quad |
 //! | `water` | waves over things under water, lit through them alone | one small quad |
 //!
-//! All but `cornell`, `glass-cube` and `water` take a count of lights after a colon, `hall:10000`; their brightness does not depend on it
-//! (`city` grows instead). `cornell-lights` and `sun` move: [`Scene::go_to_frame`].
+//! All but `cornell`, `glass-cube` and `water` take a count of lights after a colon, `hall:10000`; their
+//! brightness does not depend on it (`city` grows instead). `cornell-lights` and `sun` move:
+//! [`Scene::go_to_frame`].
 
 mod caustics;
 mod city;
@@ -35,8 +36,8 @@ pub use self::motion::Motion;
 use self::shapes::Shapes;
 use crate::{Instance, Material, Mesh, Scene, nearest};
 
-/// Names and default counts of the built-in scenes, in the order in which they should be listed. A count of `None`
-/// means that the scene takes none.
+/// Names and default counts of the built-in scenes, in the order in which they should be listed. A count of
+/// `None` means that the scene takes none.
 pub const BUILTIN_SCENES: [(&str, Option<usize>); 9] = [
     ("hall", Some(10_000)),
     ("cornell", None),
@@ -100,7 +101,8 @@ impl std::error::Error for BuiltinError {}
 /// Makes the built-in scene that `spec` names, e.g. `hall` or `hall:10000`; see the module's table.
 ///
 /// # Errors
-/// The name is unknown, or the count is not a number from 1 to [`MAX_BUILTIN_LIGHTS`], or the scene takes none.
+/// The name is unknown, or the count is not a number from 1 to [`MAX_BUILTIN_LIGHTS`], or the scene takes
+/// none.
 pub fn builtin(spec: &str) -> Result<Scene, BuiltinError> {
     let (name, count) = match spec.split_once(':') {
         Some((name, count)) => (name, Some(count)),
@@ -138,7 +140,8 @@ impl Scene {
         self.add_mesh(shapes.into_mesh(0), material);
     }
 
-    /// Adds a mesh of one material, whatever the mesh says, standing where it was made; nothing if it is empty.
+    /// Adds a mesh of one material, whatever the mesh says, standing where it was made; nothing if it is
+    /// empty.
     fn add_mesh(&mut self, mesh: Mesh, material: Material) {
         if mesh.triangles.is_empty() {
             return;

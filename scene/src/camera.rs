@@ -28,7 +28,8 @@ impl Camera {
         Self { name: name.to_owned(), position, forward, right, up: right.cross(forward), vertical_fov }
     }
 
-    /// The same camera carried round the line through `point` along the unit vector `axis`, by `angle` radians.
+    /// The same camera carried round the line through `point` along the unit vector `axis`, by `angle`
+    /// radians.
     #[must_use]
     pub fn turned_about(&self, point: Vec3, axis: Vec3, angle: f32) -> Self {
         let turn = Quat::from_axis_angle(axis, angle);
@@ -42,8 +43,8 @@ impl Camera {
         }
     }
 
-    /// The ray through `at` (in pixels, (0, 0) the upper left corner of the image) of a `width` × `height` image;
-    /// pixels are square.
+    /// The ray through `at` (in pixels, (0, 0) the upper left corner of the image) of a `width` × `height`
+    /// image; pixels are square.
     pub fn ray(&self, at: Vec2, width: u32, height: u32) -> Ray {
         let half = (0.5 * self.vertical_fov).tan();
         let y = (1.0 - 2.0 * at.y / height as f32) * half;
@@ -52,8 +53,8 @@ impl Camera {
         Ray { origin: self.position, direction, t_max: f32::INFINITY }
     }
 
-    /// Where in a `width` × `height` image `position` is seen, in pixels as [`ray`](Self::ray) has them, and its distance from the camera's plane;
-    /// `None` behind that plane. May be outside the image.
+    /// Where in a `width` × `height` image `position` is seen, in pixels as [`ray`](Self::ray) has them, and
+    /// its distance from the camera's plane; `None` behind that plane. May be outside the image.
     pub fn project(&self, position: Vec3, width: u32, height: u32) -> Option<Vec3> {
         let to = position - self.position;
         let depth = to.dot(self.forward);

@@ -61,8 +61,9 @@ const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-/// Writes meshes with both sets of texture coordinates, materials with their base colour and emission, cameras, and a node for each object. The file is there whole or
-/// not at all. Lights are not written: they are in the maps.
+/// Writes meshes with both sets of texture coordinates, materials with their base colour and emission,
+/// cameras, and a node for each object. The file is there whole or not at all. Lights are not written: they
+/// are in the maps.
 ///
 /// # Errors
 /// [`ExportError`]: the file cannot be written, or would be larger than glTF's 4 GiB.
@@ -291,7 +292,8 @@ mod tests {
     use super::*;
     use crate::{ImportOptions, builtin, load};
 
-    /// What is written is read back by the importer: same triangles, places, colours and lightmap coordinates.
+    /// What is written is read back by the importer: same triangles, places, colours and lightmap
+    /// coordinates.
     #[test]
     fn a_scene_comes_back() {
         let scene = builtin("cornell").unwrap();

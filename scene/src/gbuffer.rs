@@ -1,8 +1,9 @@
-//! What the camera sees without its light: albedo, normal, depth, motion, object per pixel. What filters are guided by.
+//! What the camera sees without its light: albedo, normal, depth, motion, object per pixel. What filters are
+//! guided by.
 //!
-//! Albedo and emission are means over the very camera samples of [`render`](crate::render), so that a picture minus its emission, divided by its albedo, is light
-//! alone; this casts those rays again. Depth, normal, motion and object are those at the centre of the pixel: a mean over an edge
-//! would be neither side's.
+//! Albedo and emission are means over the very camera samples of [`render`](crate::render), so that a picture
+//! minus its emission, divided by its albedo, is light alone; this casts those rays again. Depth, normal,
+//! motion and object are those at the centre of the pixel: a mean over an edge would be neither side's.
 
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use lighttree::rng::Random;
@@ -24,15 +25,17 @@ pub struct GBuffer {
     pub height: u32,
     /// Mean radiance of emitters seen directly, through glass and in mirrors, W·m⁻²·sr⁻¹.
     pub emission: Vec<Vec3>,
-    /// Mean of what the lit surfaces reflect ([`Bsdf::reflectance`](crate::bsdf::Bsdf::reflectance)) times what lies between them and the camera lets through; 0 where nothing is
-    /// lit.
+    /// Mean of what the lit surfaces reflect ([`Bsdf::reflectance`](crate::bsdf::Bsdf::reflectance)) times
+    /// what lies between them and the camera lets through; 0 where nothing is lit.
     pub albedo: Vec<Vec3>,
     /// Unit shading normal, world space; zero where nothing is lit.
     pub normal: Vec<Vec3>,
-    /// Distance from the camera's plane; by the length of the path for what is seen in mirrors and through glass; infinite where nothing is lit.
+    /// Distance from the camera's plane; by the length of the path for what is seen in mirrors and through
+    /// glass; infinite where nothing is lit.
     pub depth: Vec<f32>,
-    /// Where the point was in the last frame minus where it is, in pixels and in depth. NaN where it was not in view, without a last
-    /// frame, and for what is seen in mirrors and through glass (unless nothing moved at all).
+    /// Where the point was in the last frame minus where it is, in pixels and in depth. NaN where it was not
+    /// in view, without a last frame, and for what is seen in mirrors and through glass (unless nothing moved
+    /// at all).
     pub motion: Vec<Vec3>,
     /// Index into [`Scene::instances`](crate::Scene::instances), [`u32::MAX`] where nothing is lit.
     pub instance: Vec<u32>,
@@ -43,7 +46,8 @@ pub struct GBuffer {
 pub struct LastFrame<'a> {
     /// Its camera.
     pub camera: &'a Camera,
-    /// [`Instance::to_world`](crate::Instance::to_world) of each of today's instances; `None` if none has moved.
+    /// [`Instance::to_world`](crate::Instance::to_world) of each of today's instances; `None` if none has
+    /// moved.
     pub to_world: Option<&'a [Affine3A]>,
 }
 
@@ -58,8 +62,8 @@ struct Pixel {
 }
 
 impl GBuffer {
-    /// The guides of the picture that [`render`](crate::render) makes of the same arguments, all pixels of it. On the threads of the current
-    /// rayon pool; the same bits for any number of them.
+    /// The guides of the picture that [`render`](crate::render) makes of the same arguments, all pixels of
+    /// it. On the threads of the current rayon pool; the same bits for any number of them.
     ///
     /// # Panics
     /// If `last` has another number of instances than the scene.
@@ -162,7 +166,8 @@ impl<Q: Geometry> Shot<'_, Q> {
         ((emission / count).as_vec3(), (albedo / count).as_vec3())
     }
 
-    /// What the ray through `at` comes to; straight through glass where it may, and blended surfaces count from half on.
+    /// What the ray through `at` comes to; straight through glass where it may, and blended surfaces count
+    /// from half on.
     fn center(&self, at: Vec2, pixel: u32, scratch: &mut Q::Scratch) -> Option<Center> {
         let mut counts = Counts::default();
         let mut random = Random::new(self.frame.seed ^ Purpose::Camera.salt(), pixel, u32::MAX);

@@ -73,7 +73,8 @@ pub fn write_exr(film: &Film, path: &Path) -> Result<(), ImageError> {
     write_exr_about(film, path, "")
 }
 
-/// As [`write_exr`], with what the picture is in the file's attribute `comments`, where programs that show EXR files show it. Empty: none.
+/// As [`write_exr`], with what the picture is in the file's attribute `comments`, where programs that show
+/// EXR files show it. Empty: none.
 ///
 /// # Errors
 /// As [`write_exr`].
@@ -96,7 +97,8 @@ pub enum ExrDepth {
     Half,
 }
 
-/// Writes linear RGB that is never held as a whole: `color` is asked for each column and row. Returns how many values half floats could not hold.
+/// Writes linear RGB that is never held as a whole: `color` is asked for each column and row. Returns how
+/// many values half floats could not hold.
 ///
 /// # Errors
 /// [`ImageError::Write`]; there is no file then, or the one that was there before.
@@ -127,7 +129,8 @@ pub fn write_exr_from(
     Ok(saturated.into_inner())
 }
 
-/// Writes 8-bit sRGB of the picture times 2^`stops`, see [`auto_exposure`]; what is brighter than white is white.
+/// Writes 8-bit sRGB of the picture times 2^`stops`, see [`auto_exposure`]; what is brighter than white is
+/// white.
 ///
 /// # Errors
 /// [`ImageError::Write`]; there is no file then, or the one that was there before.
@@ -174,8 +177,8 @@ fn write(path: &Path, write: impl FnOnce(&Path) -> Result<(), String>) -> Result
     whole_file(path, write).map_err(|why| ImageError::Write { path: path.to_owned(), why })
 }
 
-/// Stops (powers of two) by which a picture is brightened, so that the median luminance of what is not black becomes middle grey,
-/// 0.18; 0 for a black picture.
+/// Stops (powers of two) by which a picture is brightened, so that the median luminance of what is not black
+/// becomes middle grey, 0.18; 0 for a black picture.
 pub fn auto_exposure(film: &Film) -> f32 {
     const MIDDLE_GREY: f32 = 0.18;
     let mut luminances: Vec<f32> =

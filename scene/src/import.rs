@@ -1,12 +1,13 @@
 //! glTF 2.0 import: `.glb`, and `.gltf` with data URIs or files beside it.
 //!
 //! Read are triangles, node transforms, instances, metallic-roughness materials with the extensions that
-//! [`Material`] knows, PNG and JPEG images, `KHR_lights_punctual`, perspective cameras. What is not read is said in
-//! [`Scene::notes`]; an extension that the file *requires* and the importer does not know is an error.
+//! [`Material`] knows, PNG and JPEG images, `KHR_lights_punctual`, perspective cameras. What is not read is
+//! said in [`Scene::notes`]; an extension that the file *requires* and the importer does not know is an
+//! error.
 //!
-//! The file is not trusted: whatever it holds, [`load`] returns a [`Scene`] that keeps its promises or an error of
-//! one line. Every size is checked against the bytes that are there and against [`ImportLimits`] before memory is
-//! taken.
+//! The file is not trusted: whatever it holds, [`load`] returns a [`Scene`] that keeps its promises or an
+//! error of one line. Every size is checked against the bytes that are there and against [`ImportLimits`]
+//! before memory is taken.
 
 mod accessor;
 mod container;
@@ -53,8 +54,8 @@ pub enum SceneChoice {
     All,
 }
 
-/// How much a file may ask for; each is checked before the memory is taken. The defaults admit scenes of some 20
-/// million stored triangles and keep a hostile file of a few bytes below about 3 GB.
+/// How much a file may ask for; each is checked before the memory is taken. The defaults admit scenes of some
+/// 20 million stored triangles and keep a hostile file of a few bytes below about 3 GB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImportLimits {
     /// Bytes of the file and all files that it names. Default 4 GiB.
@@ -63,7 +64,8 @@ pub struct ImportLimits {
     pub max_json_bytes: u64,
     /// Objects and arrays in the JSON text; the largest takes about a kilobyte. Default 2 Mi.
     pub max_json_structures: u64,
-    /// Accessor elements read (positions, normals, texture coordinates, indices), all together. Default 128 Mi.
+    /// Accessor elements read (positions, normals, texture coordinates, indices), all together. Default 128
+    /// Mi.
     pub max_accessor_elements: u64,
     /// Texels of all textures together, four bytes each. Default 256 Mi.
     pub max_texture_pixels: u64,
@@ -96,8 +98,8 @@ impl Default for ImportLimits {
 /// Imports a `.glb` or `.gltf` file.
 ///
 /// # Errors
-/// The file, or one that it names, cannot be read, is malformed, holds numbers that make no sense, or asks for more
-/// than `options.limits` admits.
+/// The file, or one that it names, cannot be read, is malformed, holds numbers that make no sense, or asks
+/// for more than `options.limits` admits.
 pub fn load(path: &Path, options: &ImportOptions) -> Result<Scene, ImportError> {
     import(path, options).map_err(|problem| problem.of(path))
 }
@@ -147,7 +149,8 @@ struct Import<'o> {
 }
 
 impl Import<'_> {
-    /// Converts the meshes that nodes use, once each, and puts an instance of every primitive where a node does.
+    /// Converts the meshes that nodes use, once each, and puts an instance of every primitive where a node
+    /// does.
     fn place_meshes(
         &mut self,
         document: &Document,

@@ -17,7 +17,8 @@ pub enum Light {
         /// Radiant intensity, W·sr⁻¹.
         intensity: Vec3,
     },
-    /// `KHR_lights_punctual` spot: full inside the inner angle, `clamp((cos θ - cos_outer)/(cos_inner - cos_outer), 0, 1)²` up to the outer.
+    /// `KHR_lights_punctual` spot: full inside the inner angle,
+    /// `clamp((cos θ - cos_outer)/(cos_inner - cos_outer), 0, 1)²` up to the outer.
     Spot {
         /// World-space position.
         position: Vec3,
@@ -89,8 +90,9 @@ impl Emitter for Light {
 }
 
 impl Light {
-    /// Whether nothing of the light can reach the upper side of a surface at `receiver` whose unit normal is `normal`: it
-    /// is below the horizon, or faces away. Cheaper than a point of the light, and always right; where it is unsure it says no.
+    /// Whether nothing of the light can reach the upper side of a surface at `receiver` whose unit normal is
+    /// `normal`: it is below the horizon, or faces away. Cheaper than a point of the light, and always right;
+    /// where it is unsure it says no.
     #[inline]
     pub fn is_turned_away(&self, receiver: Vec3, normal: Vec3) -> bool {
         let Self::Triangle { vertices, two_sided, .. } = *self else { return false };
@@ -114,7 +116,8 @@ impl Light {
         use core::f32::consts::PI;
         match *self {
             Self::Point { intensity, .. } => intensity * (4.0 * PI),
-            // Full inside the inner cone; the squared ramp between them has a third of the solid angle's weight.
+            // Full inside the inner cone; the squared ramp between them has a third of the solid angle's
+            // weight.
             Self::Spot { intensity, cos_inner, cos_outer, .. } => {
                 intensity * (2.0 * PI * ((1.0 - cos_inner) + (cos_inner - cos_outer) / 3.0))
             }

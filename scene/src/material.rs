@@ -8,7 +8,8 @@ pub enum MaterialMode {
     /// glTF 2.0 metallic-roughness.
     #[default]
     Gltf,
-    /// Every surface Lambert of its base colour; blended or transmissive ones below half coverage are left out.
+    /// Every surface Lambert of its base colour; blended or transmissive ones below half coverage are left
+    /// out.
     Diffuse,
     /// As [`Diffuse`](Self::Diffuse), plus a Phong lobe of this exponent.
     Phong(f32),
@@ -33,8 +34,9 @@ pub enum AlphaMode {
     Opaque,
     /// A hole where alpha is below the cut-off, for every kind of ray.
     Mask(f32),
-    /// Partial coverage. The camera sees such a surface by chance, in proportion to alpha; all other rays meet it where alpha is at least
-    /// [`Material::SOLID_ALPHA`], and pass elsewhere. Without a say where [`Material::transmission`] says what passes.
+    /// Partial coverage. The camera sees such a surface by chance, in proportion to alpha; all other rays
+    /// meet it where alpha is at least [`Material::SOLID_ALPHA`], and pass elsewhere. Without a say where
+    /// [`Material::transmission`] says what passes.
     Blend,
 }
 
@@ -73,17 +75,20 @@ pub struct Material {
     pub transmission: f32,
     /// Has no volume (`KHR_materials_volume` absent or of zero thickness): light passes straight through.
     pub thin: bool,
-    /// A Phong lobe of this exponent instead of GGX (R16 forces 150): set by [`MaterialMode::Phong`] or a built-in scene.
+    /// A Phong lobe of this exponent instead of GGX (R16 forces 150): set by [`MaterialMode::Phong`] or a
+    /// built-in scene.
     pub phong_exponent: Option<f32>,
     /// A perfect mirror of `base_color`: set by built-in scenes.
     pub mirror: bool,
 }
 
 impl Material {
-    /// Alpha from which a blended surface stops shadow rays, paths beyond the point that is lit, and particles; below, it isn't there for them.
+    /// Alpha from which a blended surface stops shadow rays, paths beyond the point that is lit, and
+    /// particles; below, it isn't there for them.
     ///
-    /// A threshold instead of chance, so that a shadow ray has one answer whichever method asks, and neighbours can share it. A pane of
-    /// alpha 0.12 casts no shadow at all; one of 0.8 a full one. An emitter is always solid, for its light is drawn as if it were.
+    /// A threshold instead of chance, so that a shadow ray has one answer whichever method asks, and
+    /// neighbours can share it. A pane of alpha 0.12 casts no shadow at all; one of 0.8 a full one. An
+    /// emitter is always solid, for its light is drawn as if it were.
     pub const SOLID_ALPHA: f32 = 0.5;
 
     /// Whether alpha says how much of the surface is there.

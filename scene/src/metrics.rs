@@ -12,19 +12,19 @@ use crate::{Film, auto_exposure};
 pub struct Errors {
     /// Mean over pixels and channels of the squared difference.
     pub mse: f64,
-    /// Mean over pixels and channels of `(t - r)² / (r² + 0.01 · m²)`, m the reference's mean over pixels and channels. Infinite where a
-    /// reference that is black everywhere is missed.
+    /// Mean over pixels and channels of `(t - r)² / (r² + 0.01 · m²)`, m the reference's mean over pixels and
+    /// channels. Infinite where a reference that is black everywhere is missed.
     pub relmse: f64,
     /// Mean over pixels and channels of `|t - r| / (|r| + 0.01 · m)`, m as there.
     pub mape: f64,
-    /// Mean of the picture over pixels and channels ÷ m, less 1: light that is too much, or missing where it is below 0. Infinite where a reference that is
-    /// black everywhere is missed.
+    /// Mean of the picture over pixels and channels ÷ m, less 1: light that is too much, or missing where it
+    /// is below 0. Infinite where a reference that is black everywhere is missed.
     pub bias: f64,
-    /// Structural similarity of the tone-mapped pictures (Wang et al. 2004, by luma), in [-1, 1]. `None` for a few pixels only,
-    /// or pictures smaller than its window.
+    /// Structural similarity of the tone-mapped pictures (Wang et al. 2004, by luma), in [-1, 1]. `None` for
+    /// a few pixels only, or pictures smaller than its window.
     pub ssim: Option<f64>,
-    /// Mean FLIP of the tone-mapped pictures (Andersson et al. 2020, at its default 67 pixels per degree), in [0, 1]. `None` for a
-    /// few pixels only.
+    /// Mean FLIP of the tone-mapped pictures (Andersson et al. 2020, at its default 67 pixels per degree), in
+    /// [0, 1]. `None` for a few pixels only.
     pub flip: Option<f64>,
 }
 
@@ -62,8 +62,8 @@ impl std::error::Error for MetricError {}
 /// Smallest side of a picture that SSIM's 8 × 8 windows are slid over.
 const SSIM_WINDOW: u32 = 8;
 
-/// Compares two pictures, or only those of their pixels for which `mask` is true. Both are tone-mapped alike, by the
-/// reference's [`auto_exposure`].
+/// Compares two pictures, or only those of their pixels for which `mask` is true. Both are tone-mapped alike,
+/// by the reference's [`auto_exposure`].
 ///
 /// # Errors
 /// [`MetricError`].

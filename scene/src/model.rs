@@ -64,8 +64,8 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// Whether the transform mirrors (its determinant is negative), which turns the winding of triangles round:
-    /// seen from the front they are then clockwise in world space.
+    /// Whether the transform mirrors (its determinant is negative), which turns the winding of triangles
+    /// round: seen from the front they are then clockwise in world space.
     pub fn is_mirrored(&self) -> bool {
         self.to_world.matrix3.determinant() < 0.0
     }
@@ -88,9 +88,9 @@ impl Scene {
         })
     }
 
-    /// A camera that sees the whole scene, for scenes that bring none: it looks down at the bounds' centre from the
-    /// side where +Z and +X are, from as far as the sphere around the bounds needs. Without geometry it takes the
-    /// lights' bounds, without either the unit box.
+    /// A camera that sees the whole scene, for scenes that bring none: it looks down at the bounds' centre
+    /// from the side where +Z and +X are, from as far as the sphere around the bounds needs. Without geometry
+    /// it takes the lights' bounds, without either the unit box.
     pub fn framing_camera(&self) -> Camera {
         const FOV: f32 = 0.9;
         let lights = || {

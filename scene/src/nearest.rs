@@ -1,9 +1,10 @@
 //! The name that a misspelt one was meant to be.
 
-/// The candidate that is fewest edits away from `word`, ties to the first; `None` where even that is no likely slip: more than a third of its letters.
+/// The candidate that is fewest edits away from `word`, ties to the first; `None` where even that is no
+/// likely slip: more than a third of its letters.
 ///
-/// An edit is a letter too many, too few, another one, or two neighbours swapped (optimal string alignment; Boytsov, "Indexing Methods for Approximate
-/// Dictionary Searching", 2011, section 2.2). Case is no edit.
+/// An edit is a letter too many, too few, another one, or two neighbours swapped (optimal string alignment;
+/// Boytsov, "Indexing Methods for Approximate Dictionary Searching", 2011, section 2.2). Case is no edit.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word: Vec<char> = word.chars().flat_map(char::to_lowercase).collect();
     let distances = candidates.into_iter().map(|name| {

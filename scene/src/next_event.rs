@@ -1,4 +1,5 @@
-//! Next-event estimation: which lights a path tracer draws at a vertex, and how often it would have drawn the one that a ray hits.
+//! Next-event estimation: which lights a path tracer draws at a vertex, and how often it would have drawn the
+//! one that a ray hits.
 
 use lighttree::rng::{Decisions, Random};
 use lighttree::{LightId, LightSample, LightSampler};
@@ -7,14 +8,17 @@ use crate::render::Counts;
 use crate::sampled::{Sampled, restart_in_stratum};
 use crate::shading::ShadingPoint;
 
-/// Draws lights for [`PathTracer`](crate::PathTracer) at the vertices of its paths. Every [`LightSampler`] is one that draws one light.
+/// Draws lights for [`PathTracer`](crate::PathTracer) at the vertices of its paths. Every [`LightSampler`] is
+/// one that draws one light.
 ///
 /// The calls come in this order: [`begin_unit`](Self::begin_unit) once for the pixels of one unit of work,
-/// [`begin_pass`](Self::begin_pass) once for each camera sample of all of these pixels, and at each vertex of their paths
-/// [`draw`](Self::draw) and then [`expected`](Self::expected) for that vertex, and [`learn`](Self::learn) for what was drawn there. Units are worked
-/// on in any order and by any thread, so what is kept between them must not show in the result.
+/// [`begin_pass`](Self::begin_pass) once for each camera sample of all of these pixels, and at each vertex of
+/// their paths [`draw`](Self::draw) and then [`expected`](Self::expected) for that vertex, and
+/// [`learn`](Self::learn) for what was drawn there. Units are worked on in any order and by any thread, so
+/// what is kept between them must not show in the result.
 ///
-/// Multiple importance sampling needs one distribution for both questions: what is learned within a pass may show in the next, not before.
+/// Multiple importance sampling needs one distribution for both questions: what is learned within a pass may
+/// show in the next, not before.
 pub trait NextEvent: Sync {
     /// Memory that a thread reuses.
     type Scratch: Default + Send;
@@ -31,7 +35,8 @@ pub trait NextEvent: Sync {
         let _ = scratch;
     }
 
-    /// Appends the lights of a vertex to `drawn`: contribution ÷ expected number, summed, estimates the sum over all lights.
+    /// Appends the lights of a vertex to `drawn`: contribution ÷ expected number, summed, estimates the sum
+    /// over all lights.
     fn draw(
         &self,
         point: &ShadingPoint,
@@ -41,12 +46,12 @@ pub trait NextEvent: Sync {
         drawn: &mut Vec<NextEventDraw<Self::Tag>>,
     );
 
-    /// How many times [`draw`](Self::draw) is expected to draw `light` at `point`, the vertex that it was last called for; 0 for a light that it
-    /// never draws there.
+    /// How many times [`draw`](Self::draw) is expected to draw `light` at `point`, the vertex that it was
+    /// last called for; 0 for a light that it never draws there.
     fn expected(&self, point: &ShadingPoint, light: LightId, scratch: &mut Self::Scratch) -> f64;
 
-    /// The light that was drawn with `tag` is seen, and gives so much as luminance, W·m⁻²·sr⁻¹, without its weight. Not told of those that give
-    /// nothing.
+    /// The light that was drawn with `tag` is seen, and gives so much as luminance, W·m⁻²·sr⁻¹, without its
+    /// weight. Not told of those that give nothing.
     fn learn(&self, tag: Self::Tag, seen: f32, scratch: &mut Self::Scratch) {
         let _ = (tag, seen, scratch);
     }
@@ -57,7 +62,8 @@ pub trait NextEvent: Sync {
 pub struct NextEventDraw<T> {
     /// The light, an index into [`Frame::lights`](crate::Frame::lights).
     pub light: LightId,
-    /// How many times it is expected among the vertex' draws, in (0, ∞): its probability where one light is drawn.
+    /// How many times it is expected among the vertex' draws, in (0, ∞): its probability where one light is
+    /// drawn.
     pub expected: f64,
     /// Comes back with the answer of its shadow ray.
     pub tag: T,

@@ -34,8 +34,8 @@ impl std::error::Error for SceneError {
     }
 }
 
-/// Opens `spec`: a built-in scene by its name ([`BUILTIN_SCENES`]), or else a `.glb` or `.gltf` file by its path. A file
-/// that is called like a built-in scene is reached by `./name`.
+/// Opens `spec`: a built-in scene by its name ([`BUILTIN_SCENES`]), or else a `.glb` or `.gltf` file by its
+/// path. A file that is called like a built-in scene is reached by `./name`.
 ///
 /// # Errors
 /// As [`builtin`] and [`load`]. What looks like no path (no dot, no separator, no such file) is taken for a

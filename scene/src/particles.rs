@@ -1,7 +1,8 @@
 //! Particles from the lights: one random walk for virtual point lights and for photons.
 //!
-//! Keller, "Instant Radiosity", 1997: quasi-random particles, each hit on a diffuse surface a virtual point light. Paths are numbered, and path
-//! `i` is a function of the seed and `i` alone, so that any number of threads gives the same walk.
+//! Keller, "Instant Radiosity", 1997: quasi-random particles, each hit on a diffuse surface a virtual point
+//! light. Paths are numbered, and path `i` is a function of the seed and `i` alone, so that any number of
+//! threads gives the same walk.
 
 use core::f32::consts::{FRAC_1_PI, PI};
 use core::ops::AddAssign;
@@ -41,19 +42,21 @@ pub struct Arrival {
 }
 
 impl Arrival {
-    /// Whether the particle came from its light by mirrors and glass alone, at least one of them: what makes caustics (L S+ D).
+    /// Whether the particle came from its light by mirrors and glass alone, at least one of them: what makes
+    /// caustics (L S+ D).
     pub const fn is_caustic(&self) -> bool {
         self.bounce == 0 && self.through_specular
     }
 
-    /// The flux as it counts towards irradiance on the shading normal, W per channel: photons lie on the triangle as densely as its own cosine says
-    /// (Veach 1997, section 5.3).
+    /// The flux as it counts towards irradiance on the shading normal, W per channel: photons lie on the
+    /// triangle as densely as its own cosine says (Veach 1997, section 5.3).
     pub fn shading_flux(&self) -> Vec3 {
         self.flux * shading_correction(&self.point, self.point.wo)
     }
 }
 
-/// Where the power went, W, channels summed up. `emitted = absorbed + escaped + cut_off + roulette` to rounding.
+/// Where the power went, W, channels summed up. `emitted = absorbed + escaped + cut_off + roulette` to
+/// rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkReport {
     /// Paths traced.
@@ -72,7 +75,8 @@ pub struct WalkReport {
     pub roulette: f64,
     /// Brought to surfaces, over all arrivals.
     pub deposited: f64,
-    /// The part of `deposited` that came to surfaces with a glossy lobe: virtual lights leave out what the lobe sends on.
+    /// The part of `deposited` that came to surfaces with a glossy lobe: virtual lights leave out what the
+    /// lobe sends on.
     pub deposited_glossy: f64,
     /// Chains of mirrors and glass given up.
     pub chains_cut: u64,
@@ -96,8 +100,9 @@ impl AddAssign for WalkReport {
 /// Paths traced between two sums, and by one task.
 const BLOCK: u64 = 1024;
 
-/// Traces particles from all lights of the frame, those without a place included, and hands over what `keep` makes of their arrivals, in the order
-/// of the paths. Lights emit in proportion to their power. Runs on the caller's thread pool.
+/// Traces particles from all lights of the frame, those without a place included, and hands over what `keep`
+/// makes of their arrivals, in the order of the paths. Lights emit in proportion to their power. Runs on the
+/// caller's thread pool.
 pub fn walk<Q: Geometry, T: Send>(
     frame: &Frame<'_, Q>,
     params: &WalkParams,
@@ -128,8 +133,9 @@ pub fn walk<Q: Geometry, T: Send>(
     (all, total)
 }
 
-/// About `count` virtual point lights that stand for `bounces` bounces of indirect light: at each arrival, the diffuse part of what the
-/// surface sends on. How many paths that takes is found by a pilot walk with numbers of its own, so that the lights' sum stays unbiased.
+/// About `count` virtual point lights that stand for `bounces` bounces of indirect light: at each arrival,
+/// the diffuse part of what the surface sends on. How many paths that takes is found by a pilot walk with
+/// numbers of its own, so that the lights' sum stays unbiased.
 pub fn virtual_lights<Q: Geometry>(
     frame: &Frame<'_, Q>,
     count: usize,
@@ -146,7 +152,8 @@ pub fn virtual_lights<Q: Geometry>(
     walk(frame, &WalkParams { paths, bounces, seed }, virtual_light)
 }
 
-/// The diffuse part of what a surface sends on, as a light just off the surface; `None` where there is no such part.
+/// The diffuse part of what a surface sends on, as a light just off the surface; `None` where there is no
+/// such part.
 fn virtual_light(arrival: &Arrival) -> Option<Light> {
     let Arrival { point, flux, .. } = arrival;
     let albedo = point.bsdf.diffuse_albedo(point.normal, point.wo);
@@ -155,7 +162,8 @@ fn virtual_light(arrival: &Arrival) -> Option<Light> {
     (intensity != Vec3::ZERO).then(|| Light::Vpl { position: point.origin(), normal, intensity })
 }
 
-/// cos to the shading normal ÷ cos to the triangle's, by which the flux of an arriving particle counts (Veach 1997, section 5.3).
+/// cos to the shading normal ÷ cos to the triangle's, by which the flux of an arriving particle counts (Veach
+/// 1997, section 5.3).
 fn shading_correction(point: &ShadingPoint, wi: Vec3) -> f32 {
     let (shading, geometric) = (point.normal.dot(wi), point.geometric_normal.dot(wi));
     if shading == geometric {

@@ -1,8 +1,9 @@
 //! An unbiased path tracer: the truth for global illumination, and indirect light for every other method.
 //!
-//! Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995: at each vertex lights are drawn, one as
-//! a rule, and one direction, combined by the power heuristic (section 3.4, exponent 2; equation 14 for several lights). Lights without an area can only be drawn,
-//! emitters behind mirrors and glass can only be hit.
+//! Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995: at each
+//! vertex lights are drawn, one as a rule, and one direction, combined by the power heuristic (section 3.4,
+//! exponent 2; equation 14 for several lights). Lights without an area can only be drawn, emitters behind
+//! mirrors and glass can only be hit.
 
 use glam::{DVec3, Vec3};
 use lighttree::LightId;
@@ -22,7 +23,8 @@ pub struct PathTracer<S> {
     pub sampler: S,
     /// Indirect bounces: vertices after the shading point that are lit directly. 0: no indirect light.
     pub bounces: u32,
-    /// Whether direct light at the shading point itself is included (the method `path`), or another method's business.
+    /// Whether direct light at the shading point itself is included (the method `path`), or another method's
+    /// business.
     pub direct: bool,
     emitters: EmitterIndex,
 }
@@ -148,7 +150,8 @@ impl<Q: Geometry, S: NextEvent> IndirectLighting<Q> for PathTracer<S> {
 }
 
 impl<S: NextEvent> PathTracer<S> {
-    /// Follows mirrors and glass from `found` to the next point to be lit; emitters on the way could not have been drawn.
+    /// Follows mirrors and glass from `found` to the next point to be lit; emitters on the way could not have
+    /// been drawn.
     #[expect(clippy::too_many_arguments, reason = "the state of one path")]
     fn through_specular<Q: Geometry>(
         &self,
@@ -178,7 +181,8 @@ impl<S: NextEvent> PathTracer<S> {
         None
     }
 
-    /// Direct light at `point` from the lights drawn, each weighted against drawing its direction from the BSDF.
+    /// Direct light at `point` from the lights drawn, each weighted against drawing its direction from the
+    /// BSDF.
     fn drawn_light<Q: Geometry>(
         &self,
         frame: &Frame<'_, Q>,

@@ -1,4 +1,5 @@
-//! From a camera and a method to a picture: units of 64 pixels, spread over threads, the same bits for any number of them.
+//! From a camera and a method to a picture: units of 64 pixels, spread over threads, the same bits for any
+//! number of them.
 
 mod counts;
 mod method;
@@ -29,8 +30,8 @@ pub struct RenderParams {
     pub height: u32,
     /// Camera samples per pixel, at least 1.
     pub spp: u32,
-    /// Number of the first of them: pictures of one seed with other samples are independent, and their mean, weighted by
-    /// `spp`, is the picture with all of them.
+    /// Number of the first of them: pictures of one seed with other samples are independent, and their mean,
+    /// weighted by `spp`, is the picture with all of them.
     pub first_sample: u32,
     /// Threads; 0: as many as there are processors.
     pub threads: usize,
@@ -85,7 +86,8 @@ impl Progress for AtomicBool {
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// Width, height or samples per pixel are 0, there are 2³² pixels or more, or samples are numbered beyond `u32`.
+    /// Width, height or samples per pixel are 0, there are 2³² pixels or more, or samples are numbered beyond
+    /// `u32`.
     Size,
     /// The threads could not be started.
     Threads(rayon::ThreadPoolBuildError),
@@ -105,8 +107,8 @@ impl core::fmt::Display for RenderError {
 
 impl std::error::Error for RenderError {}
 
-/// Renders `camera`'s picture: direct light by `direct` (with the scene's distant lights, which are treated alike for every
-/// method) and the rest by `indirect`. The same bits for any number of threads.
+/// Renders `camera`'s picture: direct light by `direct` (with the scene's distant lights, which are treated
+/// alike for every method) and the rest by `indirect`. The same bits for any number of threads.
 ///
 /// # Errors
 /// [`RenderError`]: a size that no picture has, or threads that do not start.

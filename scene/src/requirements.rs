@@ -34,7 +34,8 @@ pub struct Requirements {
 }
 
 impl Requirements {
-    /// Looks at everything once. `lights` is the list that is rendered with: [`Scene::lights`], or a longer one with virtual lights.
+    /// Looks at everything once. `lights` is the list that is rendered with: [`Scene::lights`], or a longer
+    /// one with virtual lights.
     pub fn new(scene: &Scene, lights: &[Light]) -> Self {
         let mut found = Self {
             distant_lights: scene.distant.len(),

@@ -1,4 +1,5 @@
-//! A few lights per point, drawn at random: by any [`LightSampler`], or by a method of several lights at once.
+//! A few lights per point, drawn at random: by any [`LightSampler`], or by a method of several lights at
+//! once.
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::{Decisions, Random};
@@ -8,16 +9,19 @@ use crate::film::luminance;
 use crate::render::{Counts, DirectLighting, Frame};
 use crate::shading::{Geometry, Purpose, ShadingPoint};
 
-/// Which lights a method of light selection takes for a point. [`Drawn`] makes a method of direct lighting of it.
+/// Which lights a method of light selection takes for a point. [`Drawn`] makes a method of direct lighting of
+/// it.
 ///
-/// The calls come in this order: [`begin_unit`](Self::begin_unit) once for the pixels of one unit of work; then for each camera sample
-/// of these pixels [`begin_points`](Self::begin_points), [`draw`](Self::draw) for each of the points, and
-/// [`learn`](Self::learn) for each drawn light that had a shadow ray. Units are worked on in any order and by any thread, so nothing but what was learned
-/// within the same unit may show in the result.
+/// The calls come in this order: [`begin_unit`](Self::begin_unit) once for the pixels of one unit of work;
+/// then for each camera sample of these pixels [`begin_points`](Self::begin_points), [`draw`](Self::draw) for
+/// each of the points, and [`learn`](Self::learn) for each drawn light that had a shadow ray. Units are
+/// worked on in any order and by any thread, so nothing but what was learned within the same unit may show in
+/// the result.
 pub trait DrawLights: Sync {
     /// Memory that a thread reuses, and what is known of the unit at hand.
     type Scratch: Default + Send;
-    /// What the method wants to know again when the shadow ray of a drawn light is answered, such as a node of its cut.
+    /// What the method wants to know again when the shadow ray of a drawn light is answered, such as a node
+    /// of its cut.
     type Tag: Copy + Send;
 
     /// The pixels of another unit follow; `pixels` are their indices, row by row.
@@ -36,7 +40,8 @@ pub trait DrawLights: Sync {
         let _ = (points, seed, scratch, counts);
     }
 
-    /// Hands the lights of `points[index]` to `each`: the sum of weight × contribution estimates the sum over all lights.
+    /// Hands the lights of `points[index]` to `each`: the sum of weight × contribution estimates the sum over
+    /// all lights.
     ///
     /// `random` is the point's own stream. `each` takes more numbers from it, for places on lights.
     fn draw(
@@ -54,8 +59,9 @@ pub trait DrawLights: Sync {
         let _ = scratch;
     }
 
-    /// What the light that was drawn with `tag` gives without shadows, as luminance, W·m⁻²·sr⁻¹ and without its weight, and whether
-    /// it is seen. Told in the order of draws, after all draws of these points or earlier, and only of lights that give anything.
+    /// What the light that was drawn with `tag` gives without shadows, as luminance, W·m⁻²·sr⁻¹ and without
+    /// its weight, and whether it is seen. Told in the order of draws, after all draws of these points or
+    /// earlier, and only of lights that give anything.
     fn learn(&self, tag: Self::Tag, unoccluded: f32, visible: bool, scratch: &mut Self::Scratch) {
         let _ = (tag, unoccluded, visible, scratch);
     }
@@ -74,7 +80,8 @@ pub struct Draw<T> {
 
 /// `samples` lights per camera sample, drawn one by one.
 ///
-/// The samples of one point are stratified: number `k` of `n` starts its choices with a random number in `[k/n, (k+1)/n)`.
+/// The samples of one point are stratified: number `k` of `n` starts its choices with a random number in
+/// `[k/n, (k+1)/n)`.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampled<S> {
     /// Draws the lights; has to know [`Frame::lights`] and no others.
@@ -105,7 +112,8 @@ impl<S: LightSampler<ShadingPoint> + Sync> DrawLights for Sampled<S> {
     }
 }
 
-/// [`Sampled`] for a light tree, which draws the samples of all points together: the same distribution, sooner.
+/// [`Sampled`] for a light tree, which draws the samples of all points together: the same distribution,
+/// sooner.
 #[derive(Clone, Copy, Debug)]
 pub struct Walked<'t, T> {
     /// Draws the lights; has to know [`Frame::lights`] and no others.
@@ -159,7 +167,8 @@ impl<T: LightHierarchy + Sync> DrawLights for Walked<'_, T> {
     }
 }
 
-/// The walks of all points at hand, for methods that choose where each begins: planned point by point, and then walked together.
+/// The walks of all points at hand, for methods that choose where each begins: planned point by point, and
+/// then walked together.
 #[derive(Debug, Default)]
 pub struct WalkBatch {
     walks: Walks,
@@ -180,7 +189,8 @@ impl WalkBatch {
         self.streams.clear();
     }
 
-    /// Plans the walks of the next point: `plan` is given the point's index, its random numbers and the list that it appends to.
+    /// Plans the walks of the next point: `plan` is given the point's index, its random numbers and the list
+    /// that it appends to.
     pub fn plan(
         &mut self,
         point: &ShadingPoint,
@@ -204,7 +214,8 @@ impl WalkBatch {
         sampler.sample_each_from(points, from, streams, walks, drawn)
     }
 
-    /// What the walks of a point found, in the order in which they were planned. Makes `random` go on where they ended.
+    /// What the walks of a point found, in the order in which they were planned. Makes `random` go on where
+    /// they ended.
     pub fn drawn(&self, index: usize, random: &mut Decisions) -> &[Option<LightSample>] {
         random.stream().clone_from(&self.streams[index]);
         &self.drawn[self.firsts[index] as usize..self.firsts[index + 1] as usize]

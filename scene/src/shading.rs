@@ -11,8 +11,8 @@ use crate::{Camera, DistantLight, Material, Scene, Surface, TextureSlot};
 
 /// Rays against a [`Scene`], and what their answers mean to a shader.
 ///
-/// Nearest hits are those of all surfaces, but for the holes of alpha masks. Segments pass blended surfaces where these have
-/// less than [`Material::SOLID_ALPHA`], too.
+/// Nearest hits are those of all surfaces, but for the holes of alpha masks. Segments pass blended surfaces
+/// where these have less than [`Material::SOLID_ALPHA`], too.
 pub trait Geometry: RayQueries + Sync {
     /// The surface that `hit` of `ray` found.
     fn surface(&self, scene: &Scene, ray: &Ray, hit: &RayHit) -> Surface;
@@ -70,8 +70,8 @@ impl ShadingPoint {
     /// Where on light `id` point `number` of the `count` points lies that this camera sample takes: for
     /// [`Light::point`](crate::Light::point), which has a use for it where the light has an area.
     ///
-    /// Over points and samples of a pixel an Owen-scrambled Sobol sequence (Burley 2020), another one for each light, so that
-    /// few points are spread evenly over each light.
+    /// Over points and samples of a pixel an Owen-scrambled Sobol sequence (Burley 2020), another one for
+    /// each light, so that few points are spread evenly over each light.
     #[inline]
     pub fn place_on_light(&self, seed: u32, id: LightId, number: u32, count: u32) -> [f32; 2] {
         // The sequence ends after 2¹⁶ points; what lies beyond gets another.
@@ -88,8 +88,8 @@ impl ShadingPoint {
         self.position + self.offset * self.geometric_normal
     }
 
-    /// What `light` contributes per channel, unoccluded, for the point's `throughput` = 1: `f_s` · cos θ · I / d². Zero
-    /// where either side faces away, the geometric side included.
+    /// What `light` contributes per channel, unoccluded, for the point's `throughput` = 1: `f_s` · cos θ · I
+    /// / d². Zero where either side faces away, the geometric side included.
     #[inline]
     pub fn contribution(&self, light: &LightPoint) -> Vec3 {
         // The cheapest question first: about half of all lights are below the surface.
@@ -108,8 +108,9 @@ impl ShadingPoint {
         (scatter.as_dvec3() * intensity.as_dvec3() * inverse_squared).as_vec3()
     }
 
-    /// [`contribution`](Self::contribution), with that of a virtual point light cut off: its geometry term cos θ cos θl / d² counts as at most
-    /// `clamp` (per squared length unit; infinite: unchanged). Also returns what the cut took away.
+    /// [`contribution`](Self::contribution), with that of a virtual point light cut off: its geometry term
+    /// cos θ cos θl / d² counts as at most `clamp` (per squared length unit; infinite: unchanged). Also
+    /// returns what the cut took away.
     #[inline]
     pub fn clamped_contribution(&self, light: &LightPoint, clamp: f32) -> (Vec3, Vec3) {
         let full = self.contribution(light);
@@ -207,8 +208,8 @@ impl Material {
         }
     }
 
-    /// What the surface does to light where it looks like `look`, seen on its front or back. A transmissive material is glass with the probability
-    /// of what it transmits: `u` in [0, 1) decides.
+    /// What the surface does to light where it looks like `look`, seen on its front or back. A transmissive
+    /// material is glass with the probability of what it transmits: `u` in [0, 1) decides.
     pub fn bsdf(&self, look: &SurfaceLook, front: bool, u: f32) -> Bsdf {
         if self.mirror {
             return Bsdf::Mirror { reflectance: look.base_color };
@@ -257,7 +258,8 @@ pub struct Vertex {
 pub enum Coverage {
     /// By chance, in proportion to alpha: what the camera sees.
     Stochastic,
-    /// Solid from [`Material::SOLID_ALPHA`], absent below, as shadow rays have it: a path and a shadow ray must agree on what is lit.
+    /// Solid from [`Material::SOLID_ALPHA`], absent below, as shadow rays have it: a path and a shadow ray
+    /// must agree on what is lit.
     Threshold,
 }
 
@@ -328,8 +330,8 @@ fn found<Q: Geometry>(
     Found::Surface(Vertex { point, emission, instance: surface.instance, triangle: surface.triangle })
 }
 
-/// The shading normal, turned as little as needed where it faces away from a viewer who sees the surface: at silhouettes of
-/// smooth-shaded meshes.
+/// The shading normal, turned as little as needed where it faces away from a viewer who sees the surface: at
+/// silhouettes of smooth-shaded meshes.
 fn visible_normal(shading: Vec3, geometric: Vec3, wo: Vec3) -> Vec3 {
     let cos = shading.dot(wo);
     if cos > 0.0 {
@@ -358,11 +360,12 @@ impl ShadingPoint {
 /// 2^32 ÷ g and 2^32 ÷ g², g³ = g + 1.
 const R2: [u32; 2] = [0xc13f_a9a9, 0x91e1_0da6];
 
-/// The ray of camera sample `sample` of a pixel, given by its index, and the random numbers for what it meets: the same wherever it
-/// is asked for.
+/// The ray of camera sample `sample` of a pixel, given by its index, and the random numbers for what it
+/// meets: the same wherever it is asked for.
 ///
-/// Places in the pixel follow Roberts' R2 sequence ("The Unreasonable Effectiveness of Quasirandom Sequences", 2018) from a random start in each
-/// pixel: any number of samples is spread evenly, and each is uniform by itself.
+/// Places in the pixel follow Roberts' R2 sequence ("The Unreasonable Effectiveness of Quasirandom
+/// Sequences", 2018) from a random start in each pixel: any number of samples is spread evenly, and each is
+/// uniform by itself.
 pub fn camera_ray(
     camera: &Camera,
     seed: u32,

@@ -32,8 +32,8 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// Linear RGBA at `uv`, bilinear; (0, 0) is the upper left corner of the image. A coordinate that is not finite is taken
-    /// for 0.
+    /// Linear RGBA at `uv`, bilinear; (0, 0) is the upper left corner of the image. A coordinate that is not
+    /// finite is taken for 0.
     pub fn sample(&self, uv: Vec2) -> Vec4 {
         let size = Vec2::new(self.width as f32, self.height as f32);
         let at = uv * size - 0.5;

@@ -4,7 +4,8 @@ use std::ffi::OsString;
 use std::fs::{self, File};
 use std::path::Path;
 
-/// Lets `write` fill a temporary file in the folder of `path`, which takes that name once it is complete and on the disk.
+/// Lets `write` fill a temporary file in the folder of `path`, which takes that name once it is complete and
+/// on the disk.
 ///
 /// # Errors
 /// Why it could not be written; nothing is left then, and what was at `path` stays.

@@ -1,4 +1,5 @@
-//! Points on triangle lights: by solid angle near by, by area far away, the same light either way. And bounds of lights.
+//! Points on triangle lights: by solid angle near by, by area far away, the same light either way. And bounds
+//! of lights.
 
 mod common;
 
@@ -9,7 +10,8 @@ use lighttree::{Emitter, GeometricBound, LambertReceiver, NodeBound};
 use proptest::prelude::*;
 use scene::{Light, LightPoint, Material, Scene, Texture, TextureSlot};
 
-/// Two triangles of size 1 at z = 0 that shine down, with texels of very different brightness; mirrored or not, one-sided or not.
+/// Two triangles of size 1 at z = 0 that shine down, with texels of very different brightness; mirrored or
+/// not, one-sided or not.
 fn panel(textured: bool, mirrored: bool, two_sided: bool) -> Scene {
     let mut scene = Scene::default();
     let texels =
@@ -121,7 +123,8 @@ fn the_density_is_the_one_used() {
     }
 }
 
-/// What it is for: close to a light one point by solid angle says most, one by area next to nothing. Relative variances.
+/// What it is for: close to a light one point by solid angle says most, one by area next to nothing. Relative
+/// variances.
 #[test]
 fn near_lights_make_little_noise() {
     let scene = panel(false, false, false);
@@ -179,8 +182,8 @@ fn the_rim_of_a_spot_is_bounded() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// A textured emitter is bounded by its mean: what it sends is the integral of its radiance times what the geometry makes of it, and
-    /// that is at most the largest of the one times the integral of the other.
+    /// A textured emitter is bounded by its mean: what it sends is the integral of its radiance times what
+    /// the geometry makes of it, and that is at most the largest of the one times the integral of the other.
     #[test]
     fn the_mean_of_a_texture_bounds_its_light(
         x in -2.0f32..2.0, y in -2.0f32..2.0, depth in 0.02f32..3.0, mirrored in any::<bool>(), normal in any::<[i8; 3]>(),
@@ -195,7 +198,8 @@ proptest! {
         }
     }
 
-    /// Wherever a receiver is, in planes, on edges and corners and at any scale: nothing that is no number, nothing negative.
+    /// Wherever a receiver is, in planes, on edges and corners and at any scale: nothing that is no number,
+    /// nothing negative.
     #[test]
     fn points_are_numbers(
         at in any::<[i8; 3]>(), lattice in any::<bool>(), exponent in -14i32..14, u in 0.0f32..1.0, v in 0.0f32..1.0,

@@ -1,5 +1,5 @@
-//! Broken files: each gives an error of one line that names the file, in bounded time, never a panic; and real bytes
-//! mutated some thousand times never panic or hang either.
+//! Broken files: each gives an error of one line that names the file, in bounded time, never a panic; and
+//! real bytes mutated some thousand times never panic or hang either.
 
 mod glb;
 mod sound;
@@ -47,7 +47,8 @@ fn with_image(bytes: &[u8]) -> Vec<u8> {
     asset.glb()
 }
 
-/// `base()` whose mesh takes its positions from an accessor of this JSON; `VIEW` stands for a view of `bytes`.
+/// `base()` whose mesh takes its positions from an accessor of this JSON; `VIEW` stands for a view of
+/// `bytes`.
 fn with_positions(bytes: &[u8], view_extra: &str, accessor: &str) -> Vec<u8> {
     let mut asset = base();
     let view = asset.view(bytes, view_extra);
@@ -340,7 +341,8 @@ fn the_base_of_the_corpus_is_sound() {
     assert_eq!((scene.triangle_count(), scene.lights.len(), scene.textures.len()), (1, 2, 1));
 }
 
-/// What is wrong with the way in which `load` takes the file at `path`, whose message should have `part` in it; else the message without the path.
+/// What is wrong with the way in which `load` takes the file at `path`, whose message should have `part` in
+/// it; else the message without the path.
 fn verdict(
     path: &Path,
     part: &str,
@@ -394,7 +396,8 @@ fn every_broken_file_is_an_error_of_one_line_that_names_it() {
     }
 }
 
-/// Negative controls: an importer that panics, takes what is broken, dawdles, hides which file it is or says the wrong thing is found out.
+/// Negative controls: an importer that panics, takes what is broken, dawdles, hides which file it is or says
+/// the wrong thing is found out.
 #[test]
 fn the_corpus_finds_a_bad_importer_out() {
     let folder = Folder::new("corpus-control");
@@ -452,8 +455,8 @@ fn what_is_no_file_is_an_error() {
     }
 }
 
-/// Loads mutations of `bytes`, `cases` of them, from a fixed seed; each must give a sound scene or an error of one
-/// line.
+/// Loads mutations of `bytes`, `cases` of them, from a fixed seed; each must give a sound scene or an error
+/// of one line.
 fn mutate(name: &str, bytes: &[u8], seed: u32, cases: u32) {
     let imported = imported_mutations(name, bytes, seed, cases, load).unwrap_or_else(|why| panic!("{why}"));
     eprintln!("{name}: {imported} of {cases} mutations were imported");
@@ -501,7 +504,8 @@ fn imported_mutations(
     Ok(imported)
 }
 
-/// Negative control: an importer that panics on one mutation in a hundred, or lets an index out of range through, is found out.
+/// Negative control: an importer that panics on one mutation in a hundred, or lets an index out of range
+/// through, is found out.
 #[test]
 fn mutations_find_a_bad_importer_out() {
     let bytes = base().glb();

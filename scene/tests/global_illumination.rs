@@ -94,7 +94,8 @@ fn cornell() -> (Scene, SceneRays) {
     (scene, rays)
 }
 
-/// Direct light by brute force is what the path tracer finds without bounces; negative control: with one bounce it is not.
+/// Direct light by brute force is what the path tracer finds without bounces; negative control: with one
+/// bounce it is not.
 #[test]
 fn path_without_bounces_is_direct_light() {
     let (scene, rays) = cornell();
@@ -112,7 +113,8 @@ fn path_without_bounces_is_direct_light() {
     assert!((by_path(1) / direct - 1.0).x > 0.1);
 }
 
-/// `--gi vpl` without a clamp converges to path tracing where everything is diffuse: block means of both pictures agree.
+/// `--gi vpl` without a clamp converges to path tracing where everything is diffuse: block means of both
+/// pictures agree.
 #[test]
 fn virtual_lights_converge_to_path_tracing() {
     let (scene, rays) = cornell();
@@ -131,8 +133,8 @@ fn virtual_lights_converge_to_path_tracing() {
     let found =
         render(&frame, &scene.cameras[0], &RenderParams { spp: 8, ..params }, &BruteForce, &NoIndirect, &())
             .unwrap();
-    // Blocks of 8 × 8 pixels without the two that hold the lamp's edges: noise of the truth under 1 %; virtual lights next to a wall make
-    // some blocks brighter, others darker, by a few per cent.
+    // Blocks of 8 × 8 pixels without the two that hold the lamp's edges: noise of the truth under 1 %;
+    // virtual lights next to a wall make some blocks brighter, others darker, by a few per cent.
     let blocks = |pixels: &[Vec3]| -> Vec<f64> {
         let block = |b: usize| {
             let at = |i: usize| (b / 4 * 8 + i / 8) * 32 + b % 4 * 8 + i % 8;

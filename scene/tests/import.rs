@@ -515,7 +515,8 @@ fn load_shared(file: &str) -> Option<Scene> {
 
 #[test]
 fn shared_scenes_have_the_counts_that_their_readme_says() {
-    // file, triangles, emissive triangles, of which black under their texture, punctual lights, directional, cameras
+    // file, triangles, emissive triangles, of which black under their texture, punctual lights, directional,
+    // cameras
     let table = [
         ("cornell-box.glb", 38, 2, 0, 0, 0, 1),
         ("sponza.glb", 66_449, 4, 0, 0, 0, 3),

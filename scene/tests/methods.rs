@@ -40,8 +40,8 @@ fn brightness(picture: &Rendered) -> f64 {
         / picture.film.pixels.len() as f64
 }
 
-/// How many standard errors the method's mean lies from brute force over many seeds, and that error as a share. Both see
-/// the same points for the same seed, so that only the choice of lights differs.
+/// How many standard errors the method's mean lies from brute force over many seeds, and that error as a
+/// share. Both see the same points for the same seed, so that only the choice of lights differs.
 fn distance<S: LightSampler<ShadingPoint> + Sync>(scene: &Scene, rays: &SceneRays, sampler: S) -> (f64, f64) {
     distance_of(scene, rays, &Drawn(Sampled { sampler, samples: 4 }))
 }
@@ -288,8 +288,9 @@ fn emitters_seen_in_a_mirror() {
     assert!(rendered.film.pixels.iter().all(|p| *p == Vec3::ZERO));
 }
 
-/// A textured emitter gives what its texture says where it says so: drawn points (brute force) and hit ones (path tracing without
-/// drawing) agree, in a mirrored instance, too. Negative control: the mean alone does not agree.
+/// A textured emitter gives what its texture says where it says so: drawn points (brute force) and hit ones
+/// (path tracing without drawing) agree, in a mirrored instance, too. Negative control: the mean alone does
+/// not agree.
 #[test]
 fn textured_emitters() {
     let mut scene = Scene::default();
@@ -346,7 +347,8 @@ fn textured_emitters() {
     assert!(apart(&blocks(&mean), &direct) > 0.1);
 }
 
-/// Lights drawn by a tree that knows a textured emitter by its mean alone converge to the picture of all lights with their textures: sixteen times the samples, about a quarter of the distance.
+/// Lights drawn by a tree that knows a textured emitter by its mean alone converge to the picture of all
+/// lights with their textures: sixteen times the samples, about a quarter of the distance.
 #[test]
 fn textured_emitters_through_a_tree_converge() {
     let mut scene = Scene::default();

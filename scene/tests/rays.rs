@@ -542,7 +542,8 @@ fn scenes_that_cannot_be_traced_say_why() {
     assert_eq!(empty.closest(&ray, &mut Default::default()), None);
 }
 
-/// What is said to be turned away gives nothing at any of its points, and about what is lit both ways it says no.
+/// What is said to be turned away gives nothing at any of its points, and about what is lit both ways it says
+/// no.
 #[test]
 fn only_lights_that_give_nothing_are_turned_away() {
     let (mut dice, mut away, mut lit) = (Dice(9), 0, 0);
@@ -575,7 +576,8 @@ fn only_lights_that_give_nothing_are_turned_away() {
     assert!(away > 500 && lit > 1000, "{away} turned away, {lit} lit");
 }
 
-/// Emitters from squat to slivers of 10⁻⁵, near the origin and far from it: a segment to a point of one ends before it.
+/// Emitters from squat to slivers of 10⁻⁵, near the origin and far from it: a segment to a point of one ends
+/// before it.
 #[test]
 fn a_light_does_not_shadow_itself_however_slender() {
     let (mut dice, mut scratch) = (Dice(3), Default::default());

@@ -12,7 +12,8 @@ fn params(width: u32, height: u32, spp: u32) -> RenderParams {
     RenderParams { width, height, spp, threads: 2, ..RenderParams::default() }
 }
 
-/// a/π · I · c / d², exactly as the program's units say; in the middle c = 1, and an equal light beyond the floor adds nothing.
+/// a/π · I · c / d², exactly as the program's units say; in the middle c = 1, and an equal light beyond the
+/// floor adds nothing.
 #[test]
 fn point_light_over_a_plane() {
     for scale in [1e-9_f32, 1.0, 1e9] {
@@ -45,8 +46,8 @@ fn distant_light_on_a_plane() {
     assert!(rendered.film.pixels.iter().all(|p| (p.x / expected - 1.0).abs() < 1e-3));
 }
 
-/// A parallel square emitter over the middle of the floor: E = L π · 4 F, F the textbook configuration factor of a differential
-/// element below a rectangle's corner.
+/// A parallel square emitter over the middle of the floor: E = L π · 4 F, F the textbook configuration factor
+/// of a differential element below a rectangle's corner.
 #[test]
 fn square_light_over_a_plane() {
     let (half, height, radiance, albedo) = (0.5_f32, 1.0_f32, 2.0, 0.6);
@@ -73,7 +74,8 @@ fn guides(scene: &Scene, camera: &Camera, params: &RenderParams, last: Option<&L
     GBuffer::render(&Frame::new(scene, &rays, &scene.lights, 1), camera, params, last)
 }
 
-/// Guides see what the picture saw: emission is that of the same camera samples, and light is the rest over the albedo.
+/// Guides see what the picture saw: emission is that of the same camera samples, and light is the rest over
+/// the albedo.
 #[test]
 fn guides_take_a_picture_apart() {
     let mut scene = Scene::default();

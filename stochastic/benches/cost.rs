@@ -1,9 +1,10 @@
 //! What do cuts and their sharing cost, and what do they cost in noise?
 //!
-//! Blocks of 8 × 8 points on the floor of a hall, each point drawing one light from each subtree: with a cut of its own or with that of one point of the block. No
-//! shadow rays and no shading. CPU time of this thread, since others share the machine, in turns in one run; printed: samples a second, the
-//! share of selection in the time of drawing (each walk alone, and the walks of a block together), what sharing saves, and the ratio of mean squared errors (at 10⁵ lights, where the truth
-//! can be had).
+//! Blocks of 8 × 8 points on the floor of a hall, each point drawing one light from each subtree: with a cut
+//! of its own or with that of one point of the block. No shadow rays and no shading. CPU time of this thread,
+//! since others share the machine, in turns in one run; printed: samples a second, the share of selection in
+//! the time of drawing (each walk alone, and the walks of a block together), what sharing saves, and the
+//! ratio of mean squared errors (at 10⁵ lights, where the truth can be had).
 
 mod common;
 
@@ -71,7 +72,8 @@ struct Batch {
     drawn: Vec<Option<LightSample>>,
 }
 
-/// Everything for all points; `each` gets the number of the point, the light and its probability within its subtree.
+/// Everything for all points; `each` gets the number of the point, the light and its probability within its
+/// subtree.
 fn draw<T: LightHierarchy>(
     mode: Mode,
     sampler: &CutSampler<'_, T>,

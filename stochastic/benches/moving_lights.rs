@@ -1,8 +1,9 @@
 //! Lights that move: is it better to build a tree anew in each frame, or to refit the one there is?
 //!
-//! 100 frames of the built-in scene `cornell-lights` (12,146 triangles on bodies that turn and fly) and of a swirl of 10,000 points of which each
-//! goes its own way. Error is the exact relative variance of one sample without shadows, from the oracle, in the mean over receivers: no noise. Time is
-//! that of the CPU, on one thread. Printed as a table, and written frame by frame to `target/criterion/moving_lights.csv`.
+//! 100 frames of the built-in scene `cornell-lights` (12,146 triangles on bodies that turn and fly) and of a
+//! swirl of 10,000 points of which each goes its own way. Error is the exact relative variance of one sample
+//! without shadows, from the oracle, in the mean over receivers: no noise. Time is that of the CPU, on one
+//! thread. Printed as a table, and written frame by frame to `target/criterion/moving_lights.csv`.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -183,7 +184,8 @@ fn refit_or_rebuild<T: LightHierarchy>(
     tally
 }
 
-/// One tree per body, built once, and one over the bodies, built in each frame, against one tree over all, built in each.
+/// One tree per body, built once, and one over the bodies, built in each frame, against one tree over all,
+/// built in each.
 fn two_levels(swarm: &Swarm, scene: &Scene, name: &str) -> Tally {
     let Motion::Bodies { count } = scene.motion else { panic!("the scene has bodies") };
     let first = scene.instances.len() - count;

@@ -1,9 +1,11 @@
-//! Which tree, which way down it and how large a cut for which scene? Exact variances, without noise and without a clock.
+//! Which tree, which way down it and how large a cut for which scene? Exact variances, without noise and
+//! without a clock.
 //!
-//! For each receiver every light's probability is listed, and with it the variance of one light from each of n subtrees is known. The
-//! figure is n × variance ÷ (L² + 0.01 mean(L)²), L what all lights give: the expected relMSE times the number of light samples, so that
-//! cuts of all sizes compare at equal cost. Its mean and median over the receivers are written to `exact-variance.csv` and
-//! `exact-variance.json` in cargo's target folder, and printed. `--quick` takes fewer lights and receivers.
+//! For each receiver every light's probability is listed, and with it the variance of one light from each of
+//! n subtrees is known. The figure is n × variance ÷ (L² + 0.01 mean(L)²), L what all lights give: the
+//! expected relMSE times the number of light samples, so that cuts of all sizes compare at equal cost. Its
+//! mean and median over the receivers are written to `exact-variance.csv` and `exact-variance.json` in
+//! cargo's target folder, and printed. `--quick` takes fewer lights and receivers.
 
 mod common;
 

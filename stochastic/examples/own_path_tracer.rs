@@ -1,8 +1,9 @@
-//! A path tracer of another kind: its own triangles, rays, material and lamps. Of this workspace it uses `lighttree` and `stochastic`, nothing else.
+//! A path tracer of another kind: its own triangles, rays, material and lamps. Of this workspace it uses
+//! `lighttree` and `stochastic`, nothing else.
 //!
-//! At each vertex of a path it draws a light from each subtree of a cut, and a direction from its material; a lamp that either may find is weighed by the
-//! balance heuristic (Veach 1997), for which the sampler says how often it would have drawn the lamp that a ray ran into. Writes a PPM if the first
-//! argument names one.
+//! At each vertex of a path it draws a light from each subtree of a cut, and a direction from its material; a
+//! lamp that either may find is weighed by the balance heuristic (Veach 1997), for which the sampler says how
+//! often it would have drawn the lamp that a ray ran into. Writes a PPM if the first argument names one.
 
 use core::f32::consts::{PI, TAU};
 
@@ -95,7 +96,8 @@ pub(crate) struct World {
     pub(crate) lamps: usize,
 }
 impl World {
-    /// A room with a glossy floor, a box, and panels of lamps of many colours and sizes under the ceiling and along a wall.
+    /// A room with a glossy floor, a box, and panels of lamps of many colours and sizes under the ceiling and
+    /// along a wall.
     pub(crate) fn new(lamps: usize) -> Self {
         let mut triangles = Vec::new();
         let rows = lamps.div_ceil(10);
@@ -166,7 +168,8 @@ impl World {
     pub(crate) fn visible(&self, from: Vec3, to: Vec3) -> bool {
         self.trace(from, to - from).is_none_or(|(t, _)| t > 0.999)
     }
-    /// Per steradian as seen from `from`, of a point at `at` that is uniform on lamp `lamp`; 0 if that is turned away.
+    /// Per steradian as seen from `from`, of a point at `at` that is uniform on lamp `lamp`; 0 if that is
+    /// turned away.
     fn solid_angle_density(&self, lamp: usize, from: Vec3, at: Vec3) -> f32 {
         let (to, area) = (at - from, self.triangles[lamp].area_vector());
         let facing = -area.dot(to.normalize());

@@ -1,14 +1,14 @@
 //! A cut of a fixed number of subtrees, worst error bound first.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.2: the heap of Walter et al. 2005 with a number of nodes in
-//! place of a threshold.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.2: the heap of Walter et al. 2005 with a
+//! number of nodes in place of a threshold.
 //!
 //! Differs from the paper:
-//! - The error of a node is I · F / max(d², (e · R)²) with d the smallest distance to its box, F the receiver's own
-//!   scattering and the emission towards it, R the radius of all lights, and e a parameter
+//! - The error of a node is I · F / max(d², (e · R)²) with d the smallest distance to its box, F the
+//!   receiver's own scattering and the emission towards it, R the radius of all lights, and e a parameter
 //!   ([`CutParams::distance_floor`]); so scale does not matter. Leaves have error 0.
-//! - A node that cannot contribute has error 0: refinement ends early where nothing is left to gain, with fewer nodes. Nothing is
-//!   rescaled then.
+//! - A node that cannot contribute has error 0: refinement ends early where nothing is left to gain, with
+//!   fewer nodes. Nothing is rescaled then.
 //! - F is the importance, not the bound: a cut only steers.
 
 use lighttree::{
@@ -22,9 +22,9 @@ use crate::{SelectSubtrees, Subtrees};
 pub struct CutParams {
     /// Most nodes, at least 1 (0 counts as 1). A tree with fewer leaves gives fewer.
     pub nodes: u32,
-    /// e: nodes nearer than this share of the radius of all lights count as that far away; in [0, ∞). 0: a node that
-    /// holds the receiver is split before any other. Larger values go by intensity near the receiver, and spend fewer nodes on what is
-    /// close but dim.
+    /// e: nodes nearer than this share of the radius of all lights count as that far away; in [0, ∞). 0: a
+    /// node that holds the receiver is split before any other. Larger values go by intensity near the
+    /// receiver, and spend fewer nodes on what is close but dim.
     pub distance_floor: f32,
 }
 
@@ -151,8 +151,9 @@ impl<'t, T: LightHierarchy> CutSampler<'t, T> {
         selection.refine(tree, &mut policy, self.nodes)
     }
 
-    /// One light from each of these subtrees: of a cut that was selected for this receiver or for another, all of it or a part.
-    /// Whichever cut it is, estimates are unbiased; a cut of a like receiver only has less noise.
+    /// One light from each of these subtrees: of a cut that was selected for this receiver or for another,
+    /// all of it or a part. Whichever cut it is, estimates are unbiased; a cut of a like receiver only has
+    /// less noise.
     pub const fn subtrees<'a>(&'a self, nodes: &'a [NodeId]) -> Subtrees<'a, T> {
         Subtrees { walk: &self.walk, nodes }
     }

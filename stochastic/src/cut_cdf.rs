@@ -1,16 +1,19 @@
 //! A large cut shared by many receivers, and for each receiver a distribution over all of its nodes.
 //!
-//! Lin and Yuksel ("Real-Time Stochastic Lightcuts", 2020) share a small cut among a block of pixels and draw one light
-//! from each of its nodes. Nodes that send a receiver little then cost it as many samples as others, so large cuts are
-//! worse than small ones. Here the cut only says what there is to choose from: one pass ([`NodeRecords`]) estimates what each
-//! node sends to the receiver, prefix sums make a distribution of it, and any number of samples is drawn from that, each with a
-//! walk from its node down. The larger the cut the better, and what a receiver pays does not grow with the number of lights.
+//! Lin and Yuksel ("Real-Time Stochastic Lightcuts", 2020) share a small cut among a block of pixels and draw
+//! one light from each of its nodes. Nodes that send a receiver little then cost it as many samples as
+//! others, so large cuts are worse than small ones. Here the cut only says what there is to choose from: one
+//! pass ([`NodeRecords`]) estimates what each node sends to the receiver, prefix sums make a distribution of
+//! it, and any number of samples is drawn from that, each with a walk from its node down. The larger the cut
+//! the better, and what a receiver pays does not grow with the number of lights.
 //!
-//! - [`SharedCut`] is chosen once for a [`ReceiverGroup`]: a block of pixels, a cell of space, or one receiver.
-//! - [`NodeCdf`] is made for one receiver, or for a few so close together that one distribution will do for them.
+//! - [`SharedCut`] is chosen once for a [`ReceiverGroup`]: a block of pixels, a cell of space, or one
+//!   receiver.
+//! - [`NodeCdf`] is made for one receiver, or for a few so close together that one distribution will do for
+//!   them.
 //! - [`CutCdf`] is both with a walk: a [`LightSampler`] with the exact probability of every light.
-//! - [`BlockCdfs`] keeps all of it for a block of pixels over all of their samples, [`CellCdfs`] for cells of space;
-//!   [`VisibilityStore`] takes what was learned from one frame to the next.
+//! - [`BlockCdfs`] keeps all of it for a block of pixels over all of their samples, [`CellCdfs`] for cells of
+//!   space; [`VisibilityStore`] takes what was learned from one frame to the next.
 
 mod block;
 mod cells;
@@ -41,7 +44,8 @@ pub struct ReceiverGroup {
 }
 
 impl ReceiverGroup {
-    /// The group of these positions and unit normals (zero where there is none); `None` for no receiver at all.
+    /// The group of these positions and unit normals (zero where there is none); `None` for no receiver at
+    /// all.
     pub fn of(receivers: impl IntoIterator<Item = (Vec3, Vec3)>) -> Option<Self> {
         let (mut min, mut max, mut sum, mut count) = (Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::ZERO, 0u32);
         for (position, normal) in receivers {
@@ -57,10 +61,12 @@ impl ReceiverGroup {
         Self { min, max, mean_normal: Vec3::ZERO }
     }
 
-    /// How much the choice of a light below `node` matters to the group: about what the node sends × how much that may differ within it.
+    /// How much the choice of a light below `node` matters to the group: about what the node sends × how much
+    /// that may differ within it.
     ///
-    /// With d the distance between both boxes, r half the node's diagonal and F the cosines at both ends, the widest that
-    /// the boxes allow: I · F / max(d², r²/4) × min(1, r²/d²). Measured against three others (`docs/stochastic.md`).
+    /// With d the distance between both boxes, r half the node's diagonal and F the cosines at both ends, the
+    /// widest that the boxes allow: I · F / max(d², r²/4) × min(1, r²/d²). Measured against three others
+    /// (`docs/stochastic.md`).
     fn doubt(&self, node: &LightBounds) -> f64 {
         let (low, high) = (node.min.as_dvec3(), node.max.as_dvec3());
         let (first, last) = (self.min.as_dvec3(), self.max.as_dvec3());
@@ -133,7 +139,8 @@ pub struct CutScratch {
 }
 
 impl SharedCut {
-    /// Chooses at most `max_nodes` nodes for `group`, fewer where the tree has fewer leaves or nothing more is to be told apart.
+    /// Chooses at most `max_nodes` nodes for `group`, fewer where the tree has fewer leaves or nothing more
+    /// is to be told apart.
     pub fn select<T: LightHierarchy>(
         &mut self,
         tree: &T,
@@ -157,8 +164,8 @@ impl SharedCut {
         }
     }
 
-    /// The nodes, left to right: neighbours in the list are neighbours in space, so what is drawn from equally spaced numbers is
-    /// spread over space.
+    /// The nodes, left to right: neighbours in the list are neighbours in space, so what is drawn from
+    /// equally spaced numbers is spread over space.
     pub fn nodes(&self) -> &[NodeId] {
         &self.nodes
     }
@@ -198,8 +205,9 @@ pub struct NodeCdf {
 impl NodeCdf {
     /// Probabilities in proportion to `weights`, which are not negative.
     ///
-    /// No node that may be drawn has less than 1/1024 of its even share, and at least 2^-31. Those are the nodes of positive weight; with `shared` all of
-    /// them, as it must be where receivers for whom the weights are not meant draw, too. Infinite weights and NaN count as 0.
+    /// No node that may be drawn has less than 1/1024 of its even share, and at least 2^-31. Those are the
+    /// nodes of positive weight; with `shared` all of them, as it must be where receivers for whom the
+    /// weights are not meant draw, too. Infinite weights and NaN count as 0.
     pub fn build(&mut self, weights: &[f32], shared: bool) {
         // Sum up in lanes: what is infinite or not a number shows in the sum, and is sorted out then.
         let usable = |w: f32| if w > 0.0 && w < f32::INFINITY { w } else { 0.0 };
@@ -215,7 +223,8 @@ impl NodeCdf {
             return;
         }
 
-        // Round down, by a little less than would fill the whole: the sum may be wrong by a rounding a lane and term, and must not overfill it.
+        // Round down, by a little less than would fill the whole: the sum may be wrong by a rounding a lane
+        // and term, and must not overfill it.
         let floor = (WHOLE / FLOORS / count).max(1);
         let margin = (weights.len() as f32 / 8.0 + 16.0) * f32::EPSILON;
         let rest = WHOLE.saturating_sub(count.saturating_mul(floor)) as f32 * (1.0 - margin).max(0.0);
@@ -255,7 +264,8 @@ impl NodeCdf {
         size_of::<u32>() * self.cumulative.capacity()
     }
 
-    /// Draws a node, an index into [`SharedCut::nodes`]; what is left of the random number goes on below it. `None` if nothing can be drawn.
+    /// Draws a node, an index into [`SharedCut::nodes`]; what is left of the random number goes on below it.
+    /// `None` if nothing can be drawn.
     #[inline]
     pub fn draw(&self, random: &mut Decisions) -> Option<usize> {
         if self.cumulative.is_empty() { None } else { Some(random.choose_among(&self.cumulative)) }
@@ -335,14 +345,16 @@ pub struct NodeDraw {
     pub node: usize,
     /// Its probability.
     pub node_pmf: f64,
-    /// The light, and its probability among all lights; `None` where what the walk came to contributes nothing.
+    /// The light, and its probability among all lights; `None` where what the walk came to contributes
+    /// nothing.
     pub sample: Option<LightSample>,
     /// Nodes that the walk looked at.
     pub visited: u32,
 }
 
 impl<T: LightHierarchy> CutCdf<'_, T> {
-    /// [`sample`](LightSampler::sample), with what a caller may want to learn from it. `None` if no node can be drawn.
+    /// [`sample`](LightSampler::sample), with what a caller may want to learn from it. `None` if no node can
+    /// be drawn.
     #[inline]
     pub fn draw(&self, receiver: &(impl Receiver + ?Sized), random: &mut Decisions) -> Option<NodeDraw> {
         let node = self.cdf.draw(random)?;

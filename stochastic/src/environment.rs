@@ -1,12 +1,14 @@
 //! Directions of an environment image, drawn in proportion to what comes from them.
 //!
-//! The image is a latitude-longitude grid of luminances. A texel is drawn by an alias table, in proportion to luminance × solid angle, and then a direction
-//! in it, uniform per solid angle. So the density is constant over a texel, exact, and finite at the poles, where texels are slices of a
-//! cap. Pharr, Jakob and Humphreys, "Physically Based Rendering", 4th edition, 2023, section 12.5.2, do the same with a piecewise-constant
-//! 2D distribution over the image's square; a table draws in constant time and needs no inverse.
+//! The image is a latitude-longitude grid of luminances. A texel is drawn by an alias table, in proportion to
+//! luminance × solid angle, and then a direction in it, uniform per solid angle. So the density is constant
+//! over a texel, exact, and finite at the poles, where texels are slices of a cap. Pharr, Jakob and
+//! Humphreys, "Physically Based Rendering", 4th edition, 2023, section 12.5.2, do the same with a
+//! piecewise-constant 2D distribution over the image's square; a table draws in constant time and needs no
+//! inverse.
 //!
-//! As a class of a [`Mixture`](crate::Mixture) an environment is one light ([`lighttree::UniformSampler`] of count 1); the density of a direction is then the mixture's
-//! probability times [`Environment::pdf`].
+//! As a class of a [`Mixture`](crate::Mixture) an environment is one light ([`lighttree::UniformSampler`] of
+//! count 1); the density of a direction is then the mixture's probability times [`Environment::pdf`].
 //!
 //! Memory: 16 bytes a texel, those of the table.
 
@@ -19,8 +21,8 @@ use lighttree::{AliasTable, WeightError};
 
 /// An importance-sampled environment image.
 ///
-/// Row 0 touches +Y, the last row -Y; column 0 begins at +X and columns go on towards +Z: texel (x, y) holds the directions
-/// (sin θ cos φ, cos θ, sin θ sin φ) with θ/π in [y, y+1)/height and φ/2π in [x, x+1)/width.
+/// Row 0 touches +Y, the last row -Y; column 0 begins at +X and columns go on towards +Z: texel (x, y) holds
+/// the directions (sin θ cos φ, cos θ, sin θ sin φ) with θ/π in [y, y+1)/height and φ/2π in [x, x+1)/width.
 #[derive(Clone, Debug)]
 pub struct Environment {
     width: u32,
@@ -84,8 +86,8 @@ impl core::error::Error for EnvironmentError {}
 impl Environment {
     /// The environment of these luminances, rows from +Y down; any unit. All zero draws nothing.
     ///
-    /// For radiance that is constant over a texel. Where it is interpolated between texels, give [`spread`]'s luminances, or light at the borders of black texels
-    /// has no chance.
+    /// For radiance that is constant over a texel. Where it is interpolated between texels, give [`spread`]'s
+    /// luminances, or light at the borders of black texels has no chance.
     ///
     /// # Errors
     /// If there is not one per texel, or one is not a luminance.
@@ -120,7 +122,8 @@ impl Environment {
         Some(EnvironmentSample { direction, pdf: self.density(p, y), texel })
     }
 
-    /// Density of [`sample`](Self::sample) at `direction`, of any length but 0, sr⁻¹; 0 where it is black, or for no direction.
+    /// Density of [`sample`](Self::sample) at `direction`, of any length but 0, sr⁻¹; 0 where it is black, or
+    /// for no direction.
     pub fn pdf(&self, direction: Vec3) -> f64 {
         if !(direction.is_finite() && direction != Vec3::ZERO) {
             return 0.0;
@@ -163,14 +166,16 @@ impl Environment {
     }
 }
 
-/// Solid angle of a whole row ÷ 2π: cos θ at its top less that at its bottom, as a product that does not cancel.
+/// Solid angle of a whole row ÷ 2π: cos θ at its top less that at its bottom, as a product that does not
+/// cancel.
 fn solid_angle(row: u32, height: u32) -> f64 {
     let step = PI / f64::from(height);
     2.0 * ((f64::from(row) + 0.5) * step).sin() * (0.5 * step).sin()
 }
 
-/// Luminances that are positive wherever the bilinear interpolation of these is: the mean over 3 × 3 texels, weighted 1 2 1 both ways, around the back
-/// and no farther than the poles. For images whose radiance is interpolated.
+/// Luminances that are positive wherever the bilinear interpolation of these is: the mean over 3 × 3 texels,
+/// weighted 1 2 1 both ways, around the back and no farther than the poles. For images whose radiance is
+/// interpolated.
 ///
 /// # Panics
 /// If there is not one luminance per texel.

@@ -1,19 +1,21 @@
 //! Filters for pictures that few samples made: SVGF and temporal anti-aliasing.
 //!
-//! They need slices and nothing else: no type of a renderer, no GPU. A caller fills a [`FilterInput`] per frame and gets
-//! radiance back; what a filter remembers from frame to frame lives in [`Svgf`] and [`Taa`]. A single frame is the first
-//! frame of a sequence: then SVGF is a spatial filter.
+//! They need slices and nothing else: no type of a renderer, no GPU. A caller fills a [`FilterInput`] per
+//! frame and gets radiance back; what a filter remembers from frame to frame lives in [`Svgf`] and [`Taa`]. A
+//! single frame is the first frame of a sequence: then SVGF is a spatial filter.
 //!
 //! # Layout
-//! All slices have `width · height` entries, rows from the top, pixel `(x, y)` at `y · width + x`, its centre at `(x + ½, y + ½)`.
+//! All slices have `width · height` entries, rows from the top, pixel `(x, y)` at `y · width + x`, its centre
+//! at `(x + ½, y + ½)`.
 //!
 //! # What they do with what is not a number
-//! A pixel whose colour is not finite is filled from its neighbours of the same surface, and one whose guides are not is left out: neither
-//! is ever mixed into another pixel. Both are counted in [`FilterReport::non_finite`].
+//! A pixel whose colour is not finite is filled from its neighbours of the same surface, and one whose guides
+//! are not is left out: neither is ever mixed into another pixel. Both are counted in
+//! [`FilterReport::non_finite`].
 //!
 //! # Determinism
-//! The same input gives the same bits, with any number of threads and without the feature `parallel`. Nothing is
-//! allocated once a filter has seen a frame of that size.
+//! The same input gives the same bits, with any number of threads and without the feature `parallel`. Nothing
+//! is allocated once a filter has seen a frame of that size.
 
 mod atrous;
 mod guides;
@@ -41,21 +43,24 @@ pub struct FilterInput<'a> {
     pub height: u32,
     /// Noisy radiance: linear RGB in any unit.
     pub color: &'a [Vec3],
-    /// The part of `color` that is no noise and must not be blurred: emitters seen directly. Taken out before filtering and added
-    /// afterwards. `None`: none.
+    /// The part of `color` that is no noise and must not be blurred: emitters seen directly. Taken out before
+    /// filtering and added afterwards. `None`: none.
     pub emission: Option<&'a [Vec3]>,
-    /// What the surface reflects of light that is the same from everywhere, per channel, times what glass and mirrors on the way to it let
-    /// through: texture that must not be blurred. Not negative, mostly in [0, 1]; any value where there is no surface.
+    /// What the surface reflects of light that is the same from everywhere, per channel, times what glass and
+    /// mirrors on the way to it let through: texture that must not be blurred. Not negative, mostly in [0,
+    /// 1]; any value where there is no surface.
     pub albedo: &'a [Vec3],
     /// Unit shading normal in any fixed space; any value where there is no surface.
     pub normal: &'a [Vec3],
-    /// Distance from the camera's plane along its direction of view, positive, in the scene's length unit; infinite where there is no
-    /// surface: such a pixel stays as it is.
+    /// Distance from the camera's plane along its direction of view, positive, in the scene's length unit;
+    /// infinite where there is no surface: such a pixel stays as it is.
     pub depth: &'a [f32],
-    /// Where the point that is now in this pixel was in the last frame, minus where it is now: in pixels (x right, y down) and in
-    /// depth (z). NaN where that is unknown: the pixel starts anew. `None`: every pixel does.
+    /// Where the point that is now in this pixel was in the last frame, minus where it is now: in pixels (x
+    /// right, y down) and in depth (z). NaN where that is unknown: the pixel starts anew. `None`: every pixel
+    /// does.
     pub motion: Option<&'a [Vec3]>,
-    /// A number per object: pixels of different numbers are never mixed. `None`: depths and normals have to tell.
+    /// A number per object: pixels of different numbers are never mixed. `None`: depths and normals have to
+    /// tell.
     pub mesh: Option<&'a [u32]>,
 }
 
@@ -107,11 +112,13 @@ impl core::error::Error for FilterError {}
 /// What a filter met in one frame, in pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FilterReport {
-    /// Whose colour, emission, albedo, normal or depth is not a finite number (an infinite depth is no surface, and none of these).
+    /// Whose colour, emission, albedo, normal or depth is not a finite number (an infinite depth is no
+    /// surface, and none of these).
     pub non_finite: u64,
     /// With a surface and with history from earlier frames.
     pub with_history: u64,
-    /// With a surface that was not seen in the frame before (disoccluded, newly on screen, first frame): they start anew.
+    /// With a surface that was not seen in the frame before (disoccluded, newly on screen, first frame): they
+    /// start anew.
     pub without_history: u64,
     /// Of [`Taa`]: whose history was outside the range of its neighbourhood and was moved into it.
     pub clipped: u64,

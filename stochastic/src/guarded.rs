@@ -1,7 +1,8 @@
 //! When a pixel should not use the cut of its block: across breaks of depth and of orientation.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 6, name this as what goes wrong with cuts shared over the
-//! screen. Differs from the paper, which has no guard: a pixel too unlike the block's representative selects a cut of its own.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 6, name this as what goes wrong with cuts
+//! shared over the screen. Differs from the paper, which has no guard: a pixel too unlike the block's
+//! representative selects a cut of its own.
 
 use glam::Vec3;
 
@@ -21,11 +22,12 @@ pub struct SurfacePoint {
 pub struct Guard {
     /// Smallest cosine between the normals, in [-1, 1]; -1 admits all.
     pub min_normal_cos: f32,
-    /// Largest distance of either point from the other's tangent plane, as a share of the smaller depth; infinite admits all. A plane
-    /// seen at a grazing angle stays one surface, however its depth changes from pixel to pixel.
+    /// Largest distance of either point from the other's tangent plane, as a share of the smaller depth;
+    /// infinite admits all. A plane seen at a grazing angle stays one surface, however its depth changes from
+    /// pixel to pixel.
     pub max_plane_distance: f32,
-    /// Largest distance of the points, as a share of the smaller depth; infinite admits all. For what lies in one plane
-    /// and is far apart.
+    /// Largest distance of the points, as a share of the smaller depth; infinite admits all. For what lies in
+    /// one plane and is far apart.
     pub max_distance: f32,
 }
 

@@ -1,20 +1,23 @@
 //! Sampling very many lights at random with exact probabilities, and filtering what comes of it.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, on any [`LightHierarchy`](lighttree::LightHierarchy), and the
-//! methods it has to be measured against. Each is a module of its own; all of them report the probability that they
-//! used, so that estimates are unbiased and can be combined with other samplers (multiple importance sampling).
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, on any
+//! [`LightHierarchy`](lighttree::LightHierarchy), and the methods it has to be measured against. Each is a
+//! module of its own; all of them report the probability that they used, so that estimates are unbiased and
+//! can be combined with other samplers (multiple importance sampling).
 //!
 //! - [`CutSampler`]: a cut of n subtrees for a receiver, one light from each ([`Subtrees`]).
-//! - [`SharedCuts`]: one cut for a block of pixels ([`BlockGrid`]), unless a [`Guard`] says that a pixel needs its own; [`Interleave`]:
-//!   each pixel takes a part of it.
+//! - [`SharedCuts`]: one cut for a block of pixels ([`BlockGrid`]), unless a [`Guard`] says that a pixel
+//!   needs its own; [`Interleave`]: each pixel takes a part of it.
 //! - [`SplitSampler`]: adaptive tree splitting.
-//! - [`TwoLevelSampler`]: one tree per mesh, shared by its instances, and one over the instances ([`TwoLevelTree`]).
-//! - [`Mixture`]: lights without a place beside those of a tree; [`Environment`]: an importance-sampled image around the scene.
+//! - [`TwoLevelSampler`]: one tree per mesh, shared by its instances, and one over the instances
+//!   ([`TwoLevelTree`]).
+//! - [`Mixture`]: lights without a place beside those of a tree; [`Environment`]: an importance-sampled image
+//!   around the scene.
 //! - [`LinkedTree`]: which lights may light which receivers; [`Signs`]: lights that take light away.
 //! - [`filter`]: SVGF and temporal anti-aliasing of what they draw.
-//! - [`CutCdf`]: a large cut shared by many receivers ([`SharedCut`]) and for each of them a distribution over its nodes ([`NodeCdf`]),
-//!   with what shadow rays have told about them ([`NodeLearning`]); [`BlockCdfs`] keeps all of it for a block of pixels,
-//!   [`CellCdfs`] for cells of space.
+//! - [`CutCdf`]: a large cut shared by many receivers ([`SharedCut`]) and for each of them a distribution
+//!   over its nodes ([`NodeCdf`]), with what shadow rays have told about them ([`NodeLearning`]);
+//!   [`BlockCdfs`] keeps all of it for a block of pixels, [`CellCdfs`] for cells of space.
 //! - [`resampled`]: several candidates, one kept.
 //!
 //! # Where to begin
@@ -27,8 +30,9 @@
 //! | has meshes of lights with many instances | [`TwoLevelSampler`] |
 //! | has a sun, or an image around the scene | [`Mixture`] and [`Environment`] beside any of these |
 //!
-//! `examples/own_path_tracer.rs` is a path tracer with its own triangles, rays and materials, whose lamps are found by draws and by directions, weighed by the balance
-//! heuristic: every sampler answers how probable a light would have been, too.
+//! `examples/own_path_tracer.rs` is a path tracer with its own triangles, rays and materials, whose lamps are
+//! found by draws and by directions, weighed by the balance heuristic: every sampler answers how probable a
+//! light would have been, too.
 
 mod cut;
 mod cut_cdf;

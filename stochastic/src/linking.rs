@@ -1,14 +1,18 @@
 //! Light linking: which lights may light which receivers, by bitmask, on one tree.
 //!
-//! As production renderers have it (Cycles: 64 light sets). A light belongs to up to 32 groups, a receiver listens to up to 32, and they are linked if they share
-//! one. The tree is built once over all lights; [`LinkedTree::seen_by`] is that tree as one kind of receiver sees it, in which everything
-//! below a node without a linked light has intensity 0. Every walk and every cut works on it unchanged, and since walks never enter
-//! a node of intensity 0, probabilities are those among linked lights, exactly: an unlinked light has 0, and linked ones sum to 1.
+//! As production renderers have it (Cycles: 64 light sets). A light belongs to up to 32 groups, a receiver
+//! listens to up to 32, and they are linked if they share one. The tree is built once over all lights;
+//! [`LinkedTree::seen_by`] is that tree as one kind of receiver sees it, in which everything below a node
+//! without a linked light has intensity 0. Every walk and every cut works on it unchanged, and since walks
+//! never enter a node of intensity 0, probabilities are those among linked lights, exactly: an unlinked light
+//! has 0, and linked ones sum to 1.
 //!
-//! A node with linked and unlinked lights keeps the intensity of all of them. Its bound holds, but is not as tight as it could be:
-//! where few lights of each cluster are linked, a tree of their own for them samples better.
+//! A node with linked and unlinked lights keeps the intensity of all of them. Its bound holds, but is not as
+//! tight as it could be: where few lights of each cluster are linked, a tree of their own for them samples
+//! better.
 //!
-//! Memory: 4 bytes a node beside the tree, so 8 bytes a light in a tree with one light a leaf; a view takes none.
+//! Memory: 4 bytes a node beside the tree, so 8 bytes a light in a tree with one light a leaf; a view takes
+//! none.
 
 use core::fmt;
 use core::ops::Range;
@@ -25,7 +29,8 @@ pub struct LinkedTree<'t, T> {
 
 /// A [`LinkedTree`] as receivers of some groups see it: a [`LightHierarchy`].
 ///
-/// A node's intensity is 0 if no light below it is linked; otherwise that of all lights below it, so that a parent's may be larger than its children's sum.
+/// A node's intensity is 0 if no light below it is linked; otherwise that of all lights below it, so that a
+/// parent's may be larger than its children's sum.
 #[derive(Clone, Copy, Debug)]
 pub struct LinkedView<'t, T> {
     tree: &'t T,
@@ -69,7 +74,8 @@ impl fmt::Display for LinkError {
 impl core::error::Error for LinkError {}
 
 impl<'t, T: LightHierarchy> LinkedTree<'t, T> {
-    /// Links the lights of `tree`: bit `g` of `masks[light]` says that the light belongs to group `g`. A mask of 0 links with nobody.
+    /// Links the lights of `tree`: bit `g` of `masks[light]` says that the light belongs to group `g`. A mask
+    /// of 0 links with nobody.
     ///
     /// # Errors
     /// If a light of the tree has no mask, or lights of one leaf have different ones.

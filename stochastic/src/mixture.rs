@@ -1,22 +1,23 @@
 //! Two samplers as one: lights with a place from a tree, lights without one beside it.
 //!
-//! The sun and the sky have no place in a tree. A [`Mixture`] draws from one class of lights or the other, and multiplies what either reports by the
-//! probability of having chosen it. So every light of both has its exact probability, and the sum over both is 1 where both sums
-//! are. Mixtures nest: three classes are a mixture of a mixture.
+//! The sun and the sky have no place in a tree. A [`Mixture`] draws from one class of lights or the other,
+//! and multiplies what either reports by the probability of having chosen it. So every light of both has its
+//! exact probability, and the sum over both is 1 where both sums are. Mixtures nest: three classes are a
+//! mixture of a mixture.
 //!
 //! Ids: the first class keeps its own, `0..first_count`; light `i` of the second is `first_count + i`.
 //!
-//! How often which is chosen is a [`Share`]: a fixed one, or one by estimated power at the receiver. As pbrt-v4 chooses with equal
-//! probability per infinite light and for the whole tree (Pharr, Jakob and Humphreys 2023, section 12.6.3), a share is never that of all
-//! lights' power: the sun's would be all.
+//! How often which is chosen is a [`Share`]: a fixed one, or one by estimated power at the receiver. As
+//! pbrt-v4 chooses with equal probability per infinite light and for the whole tree (Pharr, Jakob and
+//! Humphreys 2023, section 12.6.3), a share is never that of all lights' power: the sun's would be all.
 
 use lighttree::rng::{Decisions, probability, quantized};
 use lighttree::{BoundTerms, LightHierarchy, LightId, LightSample, LightSampler, Receiver};
 
 /// How often a [`Mixture`] draws from its first class.
 pub trait Share<R: ?Sized> {
-    /// Probability of the first class for this receiver, in [0, 1]. What lies outside of `floor..=1 - floor`, floor = 2⁻¹⁶, counts as the nearest end,
-    /// and NaN as ½: no class is ever lost.
+    /// Probability of the first class for this receiver, in [0, 1]. What lies outside of `floor..=1 - floor`,
+    /// floor = 2⁻¹⁶, counts as the nearest end, and NaN as ½: no class is ever lost.
     fn first(&self, receiver: &R) -> f64;
 }
 
@@ -33,10 +34,11 @@ impl<R: ?Sized> Share<R> for FixedShare {
 /// In proportion to what the classes may send to the receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerShare<F> {
-    /// Estimated contributions of the first and the second class to a receiver, unoccluded: not negative, in one unit. If both are 0, or one is
-    /// not finite, both classes are alike.
+    /// Estimated contributions of the first and the second class to a receiver, unoccluded: not negative, in
+    /// one unit. If both are 0, or one is not finite, both classes are alike.
     pub powers: F,
-    /// Least probability of either class, in [0, ½]: what an estimate that is far too low costs in variance is bounded by 1/`least`.
+    /// Least probability of either class, in [0, ½]: what an estimate that is far too low costs in variance
+    /// is bounded by 1/`least`.
     pub least: f64,
 }
 
@@ -49,8 +51,9 @@ impl<R: ?Sized, F: Fn(&R) -> [f64; 2]> Share<R> for PowerShare<F> {
     }
 }
 
-/// About what all lights of a tree together send to a receiver, as if they were at the centre of their box, but no nearer than its half diagonal.
-/// In units of intensity × scattering ÷ squared length; 0 only where they can send nothing.
+/// About what all lights of a tree together send to a receiver, as if they were at the centre of their box,
+/// but no nearer than its half diagonal. In units of intensity × scattering ÷ squared length; 0 only where
+/// they can send nothing.
 pub fn estimated_power<T: LightHierarchy>(tree: &T, receiver: &(impl Receiver + ?Sized)) -> f64 {
     let Some(root) = tree.root() else { return 0.0 };
     let terms = BoundTerms::importance(&tree.bounds(root), receiver);
@@ -92,8 +95,8 @@ pub struct Mixture<A, B, S> {
 const FLOOR: u32 = 1 << 16;
 
 impl<A, B, S> Mixture<A, B, S> {
-    /// Draws from `first`, whose lights are `0..first_count`, and from `second`. Lights of both have to fit into 32 bits: ids
-    /// beyond are no ids.
+    /// Draws from `first`, whose lights are `0..first_count`, and from `second`. Lights of both have to fit
+    /// into 32 bits: ids beyond are no ids.
     pub const fn new(first: A, first_count: u32, second: B, share: S) -> Self {
         Self { first, first_count, second, share }
     }

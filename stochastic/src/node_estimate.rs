@@ -1,13 +1,14 @@
 //! About how much each of many nodes sends to one receiver: one pass over records, four nodes at a time.
 //!
-//! A walk asks about two nodes, and each answer decides where it goes next. Here all nodes of a cut are asked at once, so nothing
-//! waits for anything, and means take the place of bounds: the light of a box is that of its centre, with cosines
-//! averaged over its height above a horizon.
+//! A walk asks about two nodes, and each answer decides where it goes next. Here all nodes of a cut are asked
+//! at once, so nothing waits for anything, and means take the place of bounds: the light of a box is that of
+//! its centre, with cosines averaged over its height above a horizon.
 //!
-//! Own construction. For a box whose points are between `h - e` and `h + e` above a plane, the mean of the positive part of a height
-//! that is spread evenly between them is `h`, or `(h + e)²/(4 e)` where the plane cuts the box, and 0 where all of it
-//! is below. Both cosines, at the receiver and at the light, are such heights ÷ distance; a cone of normals adds sin `theta_o`
-//! × distance to the spread, and so all normals together have the cosine's mean over a sphere, 1/4.
+//! Own construction. For a box whose points are between `h - e` and `h + e` above a plane, the mean of the
+//! positive part of a height that is spread evenly between them is `h`, or `(h + e)²/(4 e)` where the plane
+//! cuts the box, and 0 where all of it is below. Both cosines, at the receiver and at the light, are such
+//! heights ÷ distance; a cone of normals adds sin `theta_o` × distance to the spread, and so all normals
+//! together have the cosine's mean over a sphere, 1/4.
 
 use glam::{DVec3, Vec3, Vec4};
 use lighttree::{LightBounds, Receiver, ScatterLobes, Toward};
@@ -29,7 +30,8 @@ struct Record {
     /// cos and sin of `theta_o`, the sine of all angles from 90° up being 1.
     cos_o: Vec4,
     sin_o: Vec4,
-    /// 0: the cosine profile of a surface. 1: the same in all directions up to `theta_o`, as points and spots are.
+    /// 0: the cosine profile of a surface. 1: the same in all directions up to `theta_o`, as points and spots
+    /// are.
     flat: Vec4,
     /// -1: only one side emits. 0: both do.
     one_sided: Vec4,
@@ -86,7 +88,8 @@ const LEAST_SUM: f32 = 1e-8;
 /// The least length of an axis along the surface that has a direction.
 const LEAST_ALONG: f32 = 1e-6;
 
-/// The least that an oriented node counts for, relative to what it would be unoriented, while some of it may face the receiver.
+/// The least that an oriented node counts for, relative to what it would be unoriented, while some of it may
+/// face the receiver.
 const LEAST_EMISSION: f32 = 1e-3;
 
 /// What many nodes send to a receiver, up to a factor of all.
@@ -155,8 +158,9 @@ impl NodeRecords {
         record.one_sided[lane] = if node.two_sided { 0.0 } else { -1.0 };
     }
 
-    /// Writes one weight a node to `out`: about its unoccluded contribution to `receiver`, up to a factor of all; 0 only for
-    /// nodes that contribute nothing. Where the numbers are not in the range of f32 the weights are the intensities.
+    /// Writes one weight a node to `out`: about its unoccluded contribution to `receiver`, up to a factor of
+    /// all; 0 only for nodes that contribute nothing. Where the numbers are not in the range of f32 the
+    /// weights are the intensities.
     pub fn estimate(&self, receiver: &(impl Receiver + ?Sized), out: &mut Vec<f32>) -> NodeEstimate {
         out.clear();
         out.resize(self.records.len() * LANES, 0.0);
@@ -246,8 +250,8 @@ impl NodeRecords {
 pub struct NodeEstimate {
     /// Sum of the weights.
     pub total: f64,
-    /// Mean of 1 ÷ squared distance, by weight, in the scene's own length unit: how fast the estimate changes with the receiver's place. Infinite where
-    /// nothing is known of it.
+    /// Mean of 1 ÷ squared distance, by weight, in the scene's own length unit: how fast the estimate changes
+    /// with the receiver's place. Infinite where nothing is known of it.
     pub inverse_squared: f64,
 }
 
@@ -310,11 +314,12 @@ impl<'a> Eye<'a> {
 
     /// About the mean of the lobe over the directions to the box: `peak` where it is a point in the middle.
     ///
-    /// GGX falls with sin² of the angle between the normal and the half vector, whose tangent parts are those of (light - axis) ÷ |view + light|, since
-    /// the axis is the view mirrored: no difference of near numbers but those of directions, where 1 - cos² would leave nothing of a narrow
-    /// lobe. Sideways the half vector turns by 1 ÷ |view + light| with the light, up and down by a half; at grazing views
-    /// these are far apart, and boxes of windows and walls are flat. So the box widens the lobe each way by its own extent there, and it is as much lower as
-    /// it is wider.
+    /// GGX falls with sin² of the angle between the normal and the half vector, whose tangent parts are those
+    /// of (light - axis) ÷ |view + light|, since the axis is the view mirrored: no difference of near numbers
+    /// but those of directions, where 1 - cos² would leave nothing of a narrow lobe. Sideways the half vector
+    /// turns by 1 ÷ |view + light| with the light, up and down by a half; at grazing views these are far
+    /// apart, and boxes of windows and walls are flat. So the box widens the lobe each way by its own extent
+    /// there, and it is as much lower as it is wider.
     #[inline(always)]
     fn lobe(&self, v: &[Vec4; 3], half: &[Vec4; 3], inverse: Vec4) -> Vec4 {
         let axis = self.lobes.axis;

@@ -1,11 +1,12 @@
 //! Several candidates, one kept: resampled importance sampling.
 //!
-//! Talbot, Cline and Egbert, "Importance Resampling for Global Illumination", 2005, with one sample kept: the estimate is f(y) · W with
-//! W = (1 / g(y)) · (1/M) · Σ g(x) / p(x), g the target and p the probability of each of M candidates. Its mean is the
-//! sum of f as long as g is positive wherever f is.
+//! Talbot, Cline and Egbert, "Importance Resampling for Global Illumination", 2005, with one sample kept: the
+//! estimate is f(y) · W with W = (1 / g(y)) · (1/M) · Σ g(x) / p(x), g the target and p the probability of
+//! each of M candidates. Its mean is the sum of f as long as g is positive wherever f is.
 //!
-//! The probability of what is kept is an expectation over all candidates, and not known. So W takes the place of 1/p, and multiple importance sampling
-//! against another technique is not possible by it: use [`CutCdf`](crate::CutCdf) there.
+//! The probability of what is kept is an expectation over all candidates, and not known. So W takes the place
+//! of 1/p, and multiple importance sampling against another technique is not possible by it: use
+//! [`CutCdf`](crate::CutCdf) there.
 
 use lighttree::rng::Decisions;
 use lighttree::{LightId, LightSample, LightSampler};
@@ -21,9 +22,9 @@ pub struct Resampled {
 
 /// Draws `candidates` lights and keeps one in proportion to `target` ÷ probability.
 ///
-/// `target` is about the light's contribution: any number that is not negative, and positive wherever the contribution is; those that are
-/// not finite count as 0. The candidates are stratified: number k of n starts with a random number in `[k/n, (k+1)/n)`. `None` where all
-/// targets are 0: a sample of value 0.
+/// `target` is about the light's contribution: any number that is not negative, and positive wherever the
+/// contribution is; those that are not finite count as 0. The candidates are stratified: number k of n starts
+/// with a random number in `[k/n, (k+1)/n)`. `None` where all targets are 0: a sample of value 0.
 pub fn resampled<R: ?Sized>(
     sampler: &impl LightSampler<R>,
     receiver: &R,

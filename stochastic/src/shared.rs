@@ -1,9 +1,11 @@
 //! One cut for all pixels of a block.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.3: the cut of a block of k × k pixels is selected for one of them,
-//! drawn at random, and each pixel draws lights of its own from it. That is unbiased whichever pixel it is.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.3: the cut of a block of k × k pixels is
+//! selected for one of them, drawn at random, and each pixel draws lights of its own from it. That is
+//! unbiased whichever pixel it is.
 //!
-//! Differs from the paper: the representative is drawn among the pixels that show a surface; at the picture's edge blocks are smaller.
+//! Differs from the paper: the representative is drawn among the pixels that show a surface; at the picture's
+//! edge blocks are smaller.
 
 use lighttree::rng::Random;
 use lighttree::{LightHierarchy, NodeId, Receiver};
@@ -19,7 +21,8 @@ pub struct BlockGrid {
 }
 
 impl BlockGrid {
-    /// Blocks of `side` × `side` pixels of a picture of `width` × `height`, those at the right and lower edge cut off.
+    /// Blocks of `side` × `side` pixels of a picture of `width` × `height`, those at the right and lower edge
+    /// cut off.
     ///
     /// # Panics
     /// If one of them is 0, or the picture has more than 2³² pixels: pixels are numbered.
@@ -65,8 +68,9 @@ impl BlockGrid {
     }
 }
 
-/// The numbers below `count` (at most 2³²), each once, in an order that `random` decides, without a table: a few rounds of invertible
-/// mixing on the next power of two, leaving out what is too large. The first is drawn evenly, since all are turned by an even offset.
+/// The numbers below `count` (at most 2³²), each once, in an order that `random` decides, without a table: a
+/// few rounds of invertible mixing on the next power of two, leaving out what is too large. The first is
+/// drawn evenly, since all are turned by an even offset.
 fn shuffled(count: u64, random: &mut Random) -> impl Iterator<Item = u32> + use<> {
     let bits = count.next_power_of_two().trailing_zeros();
     let mask = (1u64 << bits) - 1;
@@ -84,8 +88,9 @@ fn shuffled(count: u64, random: &mut Random) -> impl Iterator<Item = u32> + use<
         .map(move |x| ((x + turn) % count) as u32)
 }
 
-/// Cuts of the blocks that are worked on, each with something of its representative (a [`SurfacePoint`](crate::SurfacePoint) for a
-/// [`Guard`](crate::Guard)). Nothing is allocated once it has grown.
+/// Cuts of the blocks that are worked on, each with something of its representative (a
+/// [`SurfacePoint`](crate::SurfacePoint) for a [`Guard`](crate::Guard)). Nothing is allocated once it has
+/// grown.
 ///
 /// Memory: 4 bytes a node, and 12 bytes and an `X` a block.
 #[derive(Debug)]
@@ -131,8 +136,8 @@ impl<X> SharedCuts<X> {
         self.cuts.iter().rposition(|cut| cut.block == block)
     }
 
-    /// Selects a cut for `receiver` and keeps it as that of `block`. Returns its place, and how many nodes' bounds were
-    /// looked at.
+    /// Selects a cut for `receiver` and keeps it as that of `block`. Returns its place, and how many nodes'
+    /// bounds were looked at.
     pub fn select<T: LightHierarchy>(
         &mut self,
         block: u32,

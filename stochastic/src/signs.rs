@@ -1,11 +1,14 @@
 //! Lights that take light away: sampled by their magnitude, and given their sign back.
 //!
-//! Artists use negative lights, and differences of two lighting setups have them. No sampler can draw in proportion to a negative
-//! strength, and a tree refuses one; but an estimate `contribution / pmf` is unbiased for contributions of any sign as long as the pmf is positive
-//! where they are not zero. So trees are built over magnitudes, as Cycles does, and the sign goes to the contribution alone. What cancels does not
-//! cancel in a bound: a node with both signs is bounded by the sum of magnitudes, and sampled as bright as if it were.
+//! Artists use negative lights, and differences of two lighting setups have them. No sampler can draw in
+//! proportion to a negative strength, and a tree refuses one; but an estimate `contribution / pmf` is
+//! unbiased for contributions of any sign as long as the pmf is positive where they are not zero. So trees
+//! are built over magnitudes, as Cycles does, and the sign goes to the contribution alone. What cancels does
+//! not cancel in a bound: a node with both signs is bounded by the sum of magnitudes, and sampled as bright
+//! as if it were.
 //!
-//! Two-sided lights need nothing of the kind: [`LightBounds::two_sided`] is part of every bound, and both sides are one light.
+//! Two-sided lights need nothing of the kind: [`LightBounds::two_sided`] is part of every bound, and both
+//! sides are one light.
 //!
 //! Memory: 1 bit a light.
 
@@ -20,7 +23,8 @@ pub struct Signs {
 }
 
 impl Signs {
-    /// Takes the signs off `lights`: every negative intensity becomes its magnitude, ready to be built into a tree. NaN stays, for the builder to refuse.
+    /// Takes the signs off `lights`: every negative intensity becomes its magnitude, ready to be built into a
+    /// tree. NaN stays, for the builder to refuse.
     pub fn take(lights: &mut [LightBounds]) -> Self {
         let mut signs = Self { negative: vec![0; lights.len().div_ceil(64)], count: 0 };
         for (i, light) in lights.iter_mut().enumerate() {

@@ -1,17 +1,20 @@
-//! Adaptive tree splitting: both children where a node says too little about its lights, one light of it otherwise.
+//! Adaptive tree splitting: both children where a node says too little about its lights, one light of it
+//! otherwise.
 //!
-//! Conty Estévez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018, section 5.4; as a real-time
-//! method Moreau, Pharr and Clarberg, "Dynamic Many-Light Sampling for Real-Time Ray Tracing", 2019.
+//! Conty Estévez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018, section
+//! 5.4; as a real-time method Moreau, Pharr and Clarberg, "Dynamic Many-Light Sampling for Real-Time Ray
+//! Tracing", 2019.
 //!
-//! A node's light is taken for a product of two independent variables: the energy of one of its lights, with the mean and
-//! variance of those below it, and 1/d² with d uniform between the distances a and b to the near and the far end of its box. These have
-//! the mean 1/(ab) and the variance mean² · (b - a)²/(3ab). A node is split where the spread σ of the product, mapped to
-//! (1/(1 + σ))^¼, is below a threshold in [0, 1].
+//! A node's light is taken for a product of two independent variables: the energy of one of its lights, with
+//! the mean and variance of those below it, and 1/d² with d uniform between the distances a and b to the near
+//! and the far end of its box. These have the mean 1/(ab) and the variance mean² · (b - a)²/(3ab). A node is
+//! split where the spread σ of the product, mapped to (1/(1 + σ))^¼, is below a threshold in [0, 1].
 //!
 //! Differs from them:
-//! - σ is relative to the node's mean. As a radiance it would depend on the scene's units, and so would the threshold.
-//! - The number of subtrees has a limit; nodes are split in the order of what they leave unknown in absolute terms (σ × mean
-//!   × scattering), so that the limit takes the least.
+//! - σ is relative to the node's mean. As a radiance it would depend on the scene's units, and so would the
+//!   threshold.
+//! - The number of subtrees has a limit; nodes are split in the order of what they leave unknown in absolute
+//!   terms (σ × mean × scattering), so that the limit takes the least.
 //! - The distance has a floor as in [`CutParams`](crate::CutParams).
 
 use lighttree::{BoundTerms, CutPolicy, LightHierarchy, NodeId, Receiver, TreeSampler};
@@ -104,7 +107,8 @@ impl<'t, T: LightHierarchy> SplitSampler<'t, T> {
         Self { walk, spread, params, least_distance_squared: least * least }
     }
 
-    /// Splits for `receiver`: left to right the roots of subtrees, at most `max_nodes` of them. Empty for an empty tree.
+    /// Splits for `receiver`: left to right the roots of subtrees, at most `max_nodes` of them. Empty for an
+    /// empty tree.
     pub fn select<'s>(
         &self,
         receiver: &(impl Receiver + ?Sized),

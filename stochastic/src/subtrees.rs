@@ -2,8 +2,8 @@
 //!
 //! Yuksel, "Stochastic Lightcuts", 2019; Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.2.
 //!
-//! Differs from them: the probability of any light within its subtree can be asked for, found by item ranges; and the
-//! random numbers of a receiver's subtrees are stratified together.
+//! Differs from them: the probability of any light within its subtree can be asked for, found by item ranges;
+//! and the random numbers of a receiver's subtrees are stratified together.
 
 use lighttree::rng::{Decisions, Random};
 use lighttree::{
@@ -12,19 +12,21 @@ use lighttree::{
 
 use crate::Selection;
 
-/// Divides a tree into subtrees for a receiver: [`CutSampler`](crate::CutSampler) and [`SplitSampler`](crate::SplitSampler).
+/// Divides a tree into subtrees for a receiver: [`CutSampler`](crate::CutSampler) and
+/// [`SplitSampler`](crate::SplitSampler).
 pub trait SelectSubtrees {
     /// The tree.
     type Tree: LightHierarchy;
 
-    /// Selects for `receiver`: left to right the roots of disjoint subtrees that hold all lights that matter to it. Empty for an empty tree. The same for
-    /// every thread and every time.
+    /// Selects for `receiver`: left to right the roots of disjoint subtrees that hold all lights that matter
+    /// to it. Empty for an empty tree. The same for every thread and every time.
     fn select<'s>(&self, receiver: &(impl Receiver + ?Sized), selection: &'s mut Selection) -> &'s [NodeId];
 
     /// The walk that draws from a subtree.
     fn walk(&self) -> &TreeSampler<'_, Self::Tree>;
 
-    /// One light from each of these subtrees: of a selection for this receiver or for another, all of it or a part.
+    /// One light from each of these subtrees: of a selection for this receiver or for another, all of it or a
+    /// part.
     fn subtrees<'a>(&'a self, nodes: &'a [NodeId]) -> Subtrees<'a, Self::Tree> {
         Subtrees { walk: self.walk(), nodes }
     }
@@ -32,12 +34,13 @@ pub trait SelectSubtrees {
 
 /// Disjoint subtrees of one tree, each of which gives one light: the whole of a cut, or a run of its nodes.
 ///
-/// The sum of contribution ÷ `pmf` over what [`draw_each`](Self::draw_each) yields estimates the sum over all lights of
-/// these subtrees. For multiple importance sampling, the expected number of draws of a light, which is what a balance
-/// heuristic compares, is [`density`](Self::density).
+/// The sum of contribution ÷ `pmf` over what [`draw_each`](Self::draw_each) yields estimates the sum over all
+/// lights of these subtrees. For multiple importance sampling, the expected number of draws of a light, which
+/// is what a balance heuristic compares, is [`density`](Self::density).
 ///
-/// As a [`LightSampler`] this is one light: of a subtree that is chosen evenly. Taken once for each subtree, with stratified
-/// first numbers as [`PerReceiver`](lighttree::PerReceiver) has them, that is again one light from each.
+/// As a [`LightSampler`] this is one light: of a subtree that is chosen evenly. Taken once for each subtree,
+/// with stratified first numbers as [`PerReceiver`](lighttree::PerReceiver) has them, that is again one light
+/// from each.
 #[derive(Debug)]
 pub struct Subtrees<'a, T> {
     /// Walks down from the nodes.
@@ -55,13 +58,13 @@ impl<T> Clone for Subtrees<'_, T> {
 impl<T> Copy for Subtrees<'_, T> {}
 
 impl<T: LightHierarchy> Subtrees<'_, T> {
-    /// Draws one light from each subtree and hands `each` the index of its node in `nodes` and the light, with its probability within the
-    /// subtree. Subtrees that are certain to contribute nothing are left out.
+    /// Draws one light from each subtree and hands `each` the index of its node in `nodes` and the light,
+    /// with its probability within the subtree. Subtrees that are certain to contribute nothing are left out.
     ///
     /// Returns how many nodes' bounds were looked at. `each` may take numbers from the stream of `random`.
     ///
-    /// The first number of subtree `k` of `n` is (`offset` + k/n) mod 1 with one random offset: uniform for each of them,
-    /// evenly spread over all of them.
+    /// The first number of subtree `k` of `n` is (`offset` + k/n) mod 1 with one random offset: uniform for
+    /// each of them, evenly spread over all of them.
     pub fn draw_each(
         &self,
         receiver: &(impl Receiver + ?Sized),
@@ -71,8 +74,9 @@ impl<T: LightHierarchy> Subtrees<'_, T> {
         self.draw(receiver, 0..self.nodes.len() as u64, 1, random, each)
     }
 
-    /// As [`draw_each`](Self::draw_each), with `per_node` lights from each subtree and only these `slots` of them: slot `s`
-    /// is draw `s % per_node` of subtree `s / per_node`. The draws of one subtree are stratified.
+    /// As [`draw_each`](Self::draw_each), with `per_node` lights from each subtree and only these `slots` of
+    /// them: slot `s` is draw `s % per_node` of subtree `s / per_node`. The draws of one subtree are
+    /// stratified.
     ///
     /// # Panics
     /// If `per_node` is 0, or slots lie beyond `nodes.len() · per_node`.
@@ -98,9 +102,9 @@ impl<T: LightHierarchy> Subtrees<'_, T> {
         visited
     }
 
-    /// As [`draw`](Self::draw), for walks that are to go together: appends where they begin, slot by slot, for
-    /// [`sample_each_from`](TreeSampler::sample_each_from) of [`walk`](Self::walk). `receiver` is the index among that call's receivers, and `stream` its
-    /// random numbers.
+    /// As [`draw`](Self::draw), for walks that are to go together: appends where they begin, slot by slot,
+    /// for [`sample_each_from`](TreeSampler::sample_each_from) of [`walk`](Self::walk). `receiver` is the
+    /// index among that call's receivers, and `stream` its random numbers.
     ///
     /// # Panics
     /// As [`draw`](Self::draw).
@@ -128,8 +132,8 @@ impl<T: LightHierarchy> Subtrees<'_, T> {
         tree.items(self.nodes[index]).contains(&slot).then_some(index)
     }
 
-    /// Expected number of times that [`draw_each`](Self::draw_each) draws `light`: its probability within its subtree, in [0, 1]. 0 if
-    /// none of the subtrees holds it.
+    /// Expected number of times that [`draw_each`](Self::draw_each) draws `light`: its probability within its
+    /// subtree, in [0, 1]. 0 if none of the subtrees holds it.
     pub fn density(&self, receiver: &(impl Receiver + ?Sized), light: LightId) -> f64 {
         self.index_of(light).map_or(0.0, |at| self.walk.pmf_below(self.nodes[at], receiver, light))
     }

@@ -1,13 +1,14 @@
 //! Two-level light trees: one tree per mesh, shared by its instances, and one over the instances.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, sections 3.1 and 4. Where whole meshes move, only the tree over the instances has to be
-//! built anew.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, sections 3.1 and 4. Where whole meshes move, only
+//! the tree over the instances has to be built anew.
 //!
 //! Differs from the paper and its published code:
 //! - An instance's intensity is scaled by its *area factor*, where the code scales it by a length.
-//! - A receiver is taken into mesh space with its whole look ([`Receiver::lobes`](lighttree::Receiver::lobes)), not only its position, and only
-//!   where that is exact: under rotation, mirroring and uniform scaling. Under any other transform nodes are taken to world space instead,
-//!   where their bounds stay bounds (see [`TwoLevelTree`]).
+//! - A receiver is taken into mesh space with its whole look
+//!   ([`Receiver::lobes`](lighttree::Receiver::lobes)), not only its position, and only where that is exact:
+//!   under rotation, mirroring and uniform scaling. Under any other transform nodes are taken to world space
+//!   instead, where their bounds stay bounds (see [`TwoLevelTree`]).
 //! - What rounding may do to positions, on either way, is added to the boxes: no light is lost at a horizon.
 //! - Probabilities are exact and can be asked for, for any light.
 
@@ -31,8 +32,8 @@ pub enum Keeps {
     /// Its radiance: surfaces, whose intensity grows with their area.
     #[default]
     Radiance,
-    /// Its intensity: points, spots and virtual lights. Transforms of spots should scale all axes alike: others turn a direction as they turn a
-    /// surface's normal, which is one of several ways to see it.
+    /// Its intensity: points, spots and virtual lights. Transforms of spots should scale all axes alike:
+    /// others turn a direction as they turn a surface's normal, which is one of several ways to see it.
     Intensity,
 }
 
@@ -73,8 +74,8 @@ pub enum TwoLevelError {
         /// Index of the instance.
         instance: usize,
     },
-    /// The transform of this instance flattens its mesh, or so nearly that f32 cannot tell: its smallest scale is at most 2^-22 of its
-    /// largest.
+    /// The transform of this instance flattens its mesh, or so nearly that f32 cannot tell: its smallest
+    /// scale is at most 2^-22 of its largest.
     Singular {
         /// Index of the instance.
         instance: usize,
@@ -125,8 +126,8 @@ impl fmt::Display for TwoLevelError {
 impl core::error::Error for TwoLevelError {}
 
 impl<T: LightHierarchy> LightMesh<T> {
-    /// The lights `0..lights` of a mesh, in a tree over their bounds in mesh space. Looks at every node once, to learn the range of
-    /// their ids.
+    /// The lights `0..lights` of a mesh, in a tree over their bounds in mesh space. Looks at every node once,
+    /// to learn the range of their ids.
     ///
     /// # Panics
     /// If the tree has a light that is not among them.
@@ -151,7 +152,8 @@ impl<T: LightHierarchy> LightMesh<T> {
         Self { keeps, ..self }
     }
 
-    /// The same with a tree whose intensities are in other units than W·sr⁻¹ (`intensity_unit` of the tree): positive and finite.
+    /// The same with a tree whose intensities are in other units than W·sr⁻¹ (`intensity_unit` of the tree):
+    /// positive and finite.
     #[must_use]
     pub fn with_intensity_unit(self, unit: f64) -> Self {
         Self { unit, ..self }
@@ -173,18 +175,23 @@ impl<T: LightHierarchy> LightMesh<T> {
     }
 }
 
-/// Trees of meshes and a tree over their instances: lights are those of instance 0, then those of instance 1, and so on.
+/// Trees of meshes and a tree over their instances: lights are those of instance 0, then those of instance 1,
+/// and so on.
 ///
-/// - [`TwoLevelSampler`] draws lights with exact probabilities, with the receiver taken into mesh space where that can be done.
-/// - The tree itself is a [`LightHierarchy`] in world space, for cuts and for whatever takes a tree: a node's bounds are those of its mesh's node,
-///   transformed when they are asked for, and true bounds under any transform. A box is the box around the transformed one. A cone of normals turns with
-///   the inverse transpose; where axes are scaled unequally, with the largest scale κ times the smallest, its half angle is multiplied by κ, for an
-///   angle φ becomes at most 2 atan(κ tan(φ/2)) ≤ κφ (Bauer and Householder, "Some Inequalities Involving the Euclidean Condition of a Matrix",
-///   1960). Being linear, that also keeps children's cones within their parents'.
-/// - The area factor of an instance is the same for all of its nodes: the square of its scale, and otherwise the largest that a surface can have whose
-///   normal is in the cone of all, which is exact for a flat mesh.
+/// - [`TwoLevelSampler`] draws lights with exact probabilities, with the receiver taken into mesh space where
+///   that can be done.
+/// - The tree itself is a [`LightHierarchy`] in world space, for cuts and for whatever takes a tree: a node's
+///   bounds are those of its mesh's node, transformed when they are asked for, and true bounds under any
+///   transform. A box is the box around the transformed one. A cone of normals turns with the inverse
+///   transpose; where axes are scaled unequally, with the largest scale κ times the smallest, its half angle
+///   is multiplied by κ, for an angle φ becomes at most 2 atan(κ tan(φ/2)) ≤ κφ (Bauer and Householder, "Some
+///   Inequalities Involving the Euclidean Condition of a Matrix", 1960). Being linear, that also keeps
+///   children's cones within their parents'.
+/// - The area factor of an instance is the same for all of its nodes: the square of its scale, and otherwise
+///   the largest that a surface can have whose normal is in the cone of all, which is exact for a flat mesh.
 ///
-/// Memory: the meshes' trees once, and at most 400 bytes an instance (tested), for its transform both ways and two nodes.
+/// Memory: the meshes' trees once, and at most 400 bytes an instance (tested), for its transform both ways
+/// and two nodes.
 #[derive(Clone, Debug)]
 pub struct TwoLevelTree<T> {
     meshes: Vec<LightMesh<T>>,
@@ -210,8 +217,8 @@ struct Instances {
 }
 
 impl<T: LightHierarchy> TwoLevelTree<T> {
-    /// Builds the tree over the instances by `params`, whose `max_leaf` counts as 1: an instance is a leaf of its own. Instances without any light
-    /// that shines are left out of it.
+    /// Builds the tree over the instances by `params`, whose `max_leaf` counts as 1: an instance is a leaf of
+    /// its own. Instances without any light that shines are left out of it.
     ///
     /// # Errors
     /// See [`TwoLevelError`]: the first instance, by index, that cannot be used.
@@ -224,7 +231,8 @@ impl<T: LightHierarchy> TwoLevelTree<T> {
         Ok(Self { meshes, over })
     }
 
-    /// Takes other instances of the same meshes, and builds the tree over them anew. Light ids are counted anew, too.
+    /// Takes other instances of the same meshes, and builds the tree over them anew. Light ids are counted
+    /// anew, too.
     ///
     /// # Errors
     /// See [`TwoLevelError`]; the tree is unchanged then.
@@ -237,7 +245,8 @@ impl<T: LightHierarchy> TwoLevelTree<T> {
         Ok(())
     }
 
-    /// Takes other transforms of the same instances, and fits the tree over them to those without changing its topology.
+    /// Takes other transforms of the same instances, and fits the tree over them to those without changing
+    /// its topology.
     ///
     /// # Errors
     /// See [`TwoLevelError`]; the tree is unchanged then.
@@ -292,14 +301,14 @@ impl<T: LightHierarchy> TwoLevelTree<T> {
         })
     }
 
-    /// What one unit of a node's intensity stands for, W·sr⁻¹: 1, unless intensities are near the ends of f32; then a power of two. Ratios of
-    /// intensities need not care; true bounds are multiplied by it.
+    /// What one unit of a node's intensity stands for, W·sr⁻¹: 1, unless intensities are near the ends of
+    /// f32; then a power of two. Ratios of intensities need not care; true bounds are multiplied by it.
     pub const fn intensity_unit(&self) -> f64 {
         self.over.unit
     }
 
-    /// By what the intensity of the lights of an instance is multiplied: the square of its scale, or 1 where lights keep their intensity; see
-    /// [`TwoLevelTree`] for unequal scales.
+    /// By what the intensity of the lights of an instance is multiplied: the square of its scale, or 1 where
+    /// lights keep their intensity; see [`TwoLevelTree`] for unequal scales.
     ///
     /// # Panics
     /// If there is no such instance.

@@ -1,13 +1,15 @@
 //! What shadow rays have told about the nodes of a cut.
 //!
-//! One sample of a node that is drawn with probability p, and below it a light with probability q, contributes c / (p q). Its variance is the
-//! least where p is in proportion to the square root of the mean of (c/q)². The estimate e of a node stands for c/q as it
-//! would be without shadows; so what is learned is the mean of ρ², with ρ = c / (q e): visibility above all, but also how wrong
-//! the estimate is and how much lights below the node differ. Nodes are weighed by e × √(mean of ρ²).
+//! One sample of a node that is drawn with probability p, and below it a light with probability q,
+//! contributes c / (p q). Its variance is the least where p is in proportion to the square root of the mean
+//! of (c/q)². The estimate e of a node stands for c/q as it would be without shadows; so what is learned is
+//! the mean of ρ², with ρ = c / (q e): visibility above all, but also how wrong the estimate is and how much
+//! lights below the node differ. Nodes are weighed by e × √(mean of ρ²).
 //!
-//! The idea of learning what is seen, from samples taken earlier: Vévoda, Kondapaneni and Křivánek, "Bayesian online regression for adaptive
-//! direct illumination sampling", 2018; the optimal square root is theirs, too (section 4). Differs from it: no model of distances is fitted, since the
-//! block of receivers is small; the mean is shrunk towards that of neighbours in the cut and of all nodes, a few samples' worth each.
+//! The idea of learning what is seen, from samples taken earlier: Vévoda, Kondapaneni and Křivánek, "Bayesian
+//! online regression for adaptive direct illumination sampling", 2018; the optimal square root is theirs, too
+//! (section 4). Differs from it: no model of distances is fitted, since the block of receivers is small; the
+//! mean is shrunk towards that of neighbours in the cut and of all nodes, a few samples' worth each.
 
 /// A phase ends when there are this many times as many passes as before it.
 const GROWTH: u32 = 4;
@@ -54,7 +56,8 @@ impl NodeLearning {
         self.samples[node].0 += 1.0;
     }
 
-    /// The ρ of a sample that was drawn; one that gave nothing need not be told. What is not a number, or negative, counts as 0.
+    /// The ρ of a sample that was drawn; one that gave nothing need not be told. What is not a number, or
+    /// negative, counts as 0.
     #[inline]
     pub fn gave(&mut self, node: usize, ratio: f32) {
         // An outlier steers no more than this; it costs variance at worst.
@@ -69,7 +72,8 @@ impl NodeLearning {
         size_of::<(f32, f32)>() * self.samples.capacity()
     }
 
-    /// What to multiply the nodes' estimates by: positive, and about 1 in the mean where anything was seen. Empty as long as nothing was.
+    /// What to multiply the nodes' estimates by: positive, and about 1 in the mean where anything was seen.
+    /// Empty as long as nothing was.
     pub fn factors(&self, factors: &mut Vec<f32>) {
         factors.clear();
         let sum = |part: &[(f32, f32)]| part.iter().fold((0.0, 0.0), |(n, s), (a, b)| (n + a, s + b));
@@ -91,9 +95,9 @@ impl NodeLearning {
 
 /// Passes, grouped into phases that begin with pass 0, 1, 4, 16, 64 and so on.
 ///
-/// A pass is one sample of every receiver of a group. Distributions take what was learned before their phase, and stay what they are until
-/// its end. So given all earlier phases a distribution is fixed, and each sample is unbiased by itself, as long as the random numbers of a phase are
-/// independent of those before it.
+/// A pass is one sample of every receiver of a group. Distributions take what was learned before their phase,
+/// and stay what they are until its end. So given all earlier phases a distribution is fixed, and each sample
+/// is unbiased by itself, as long as the random numbers of a phase are independent of those before it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Phases {
     /// Passes begun.
@@ -103,7 +107,8 @@ pub(crate) struct Phases {
 }
 
 impl Phases {
-    /// Begins the next pass; whether a phase begins with it, other than the first. It may only where it `may`; otherwise the one before goes on.
+    /// Begins the next pass; whether a phase begins with it, other than the first. It may only where it
+    /// `may`; otherwise the one before goes on.
     pub(crate) fn next(&mut self, may: bool) -> bool {
         let begins = may && self.passes > 0 && is_power_of_growth(self.passes);
         if begins {
@@ -156,14 +161,15 @@ impl Outcomes {
         }
     }
 
-    /// Whether the relative variance of ρ, by nodes' estimates as they are, is above this: then there is much that no regular sequence over the nodes
-    /// takes away. Where nothing was seen, it is.
+    /// Whether the relative variance of ρ, by nodes' estimates as they are, is above this: then there is much
+    /// that no regular sequence over the nodes takes away. Where nothing was seen, it is.
     pub(crate) fn vary_more_than(&self, relative_variance: f64) -> bool {
         self.sum == 0.0 || self.samples * self.squares > (1.0 + relative_variance) * self.sum.powi(2)
     }
 }
 
-/// Sums of the weights and of weight × factor, eight at a time: one after the other each would wait for the one before.
+/// Sums of the weights and of weight × factor, eight at a time: one after the other each would wait for the
+/// one before.
 fn sums_in_lanes(weights: &[f32], factors: &[f32]) -> (f32, f32) {
     let ((w, w_rest), (f, f_rest)) = (weights.as_chunks::<8>(), factors.as_chunks::<8>());
     let (mut plain, mut learned) = ([0.0f32; 8], [0.0f32; 8]);
@@ -197,7 +203,8 @@ impl Knowledge {
         told.factors(&mut self.factors);
     }
 
-    /// Weights × factors, and the defensive share of the weights themselves; `None` where nothing is known that would change them.
+    /// Weights × factors, and the defensive share of the weights themselves; `None` where nothing is known
+    /// that would change them.
     pub(crate) fn mix(&mut self, weights: &[f32], defensive: f32) -> Option<&[f32]> {
         if self.factors.is_empty() {
             return None;

@@ -13,7 +13,8 @@ fn tree_of(lights: &[LightBounds]) -> LightTree {
     LightTree::build(lights, &BuildParams::default()).unwrap()
 }
 
-/// Wherever the receiver is in its cell, the probability that is reported is the one by which lights are drawn.
+/// Wherever the receiver is in its cell, the probability that is reported is the one by which lights are
+/// drawn.
 #[test]
 fn cells_conform() {
     let lights = scattered(MILLION.lights);
@@ -54,7 +55,8 @@ fn who_came_before_does_not_show() {
     }
 }
 
-/// Within a pass nothing changes; lights that are never seen are drawn less in the next phase, and a new unit knows nothing of it.
+/// Within a pass nothing changes; lights that are never seen are drawn less in the next phase, and a new unit
+/// knows nothing of it.
 #[test]
 fn what_is_learned_shows_in_the_next_pass() {
     let lights = scattered(200);

@@ -22,7 +22,8 @@ fn decisions(seed: u32, index: u32) -> Decisions {
     Decisions::new(Random::new(seed, 0, index))
 }
 
-/// E22 and E23 for every way to choose a child, on both kinds of tree: as one sample of an evenly chosen subtree.
+/// E22 and E23 for every way to choose a child, on both kinds of tree: as one sample of an evenly chosen
+/// subtree.
 #[test]
 fn subtrees_conform_in_every_mode() {
     let lights = scattered(MILLION.lights);
@@ -53,8 +54,9 @@ fn conformance<T: LightHierarchy>(
     check_sampler(&sampler.subtrees(nodes), receiver, contribution, &MILLION).map(drop)
 }
 
-/// What is drawn from each subtree passes a chi² test of its own, the reported probability is the one asked for, and the sum over
-/// all of them is unbiased with the variance that the oracle says, but for what joint stratification takes off or adds.
+/// What is drawn from each subtree passes a chi² test of its own, the reported probability is the one asked
+/// for, and the sum over all of them is unbiased with the variance that the oracle says, but for what joint
+/// stratification takes off or adds.
 #[test]
 fn one_light_from_each_subtree_is_drawn_as_reported() {
     const DRAWS: u32 = 200_000;
@@ -155,8 +157,9 @@ fn no_light_one_light_and_odd_sizes() {
     }
 }
 
-/// B9: the error of nodes near the receiver is limited, so a large floor goes by intensity; without it the node that holds the
-/// receiver is split first. Leaves have no error: with one strong light alone, nodes are spent on the others.
+/// B9: the error of nodes near the receiver is limited, so a large floor goes by intensity; without it the
+/// node that holds the receiver is split first. Leaves have no error: with one strong light alone, nodes are
+/// spent on the others.
 #[test]
 fn the_distance_floor_decides_between_near_and_strong() {
     let mut lights: Vec<_> =
@@ -251,8 +254,8 @@ fn plain_cut(tree: &impl LightHierarchy, error: impl Fn(NodeId) -> f64, size: us
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// A valid cut, of exactly n nodes or fewer where nothing is left to split, the same as the plain search finds, and the
-    /// subtrees share out the lights. At any scale.
+    /// A valid cut, of exactly n nodes or fewer where nothing is left to split, the same as the plain search
+    /// finds, and the subtrees share out the lights. At any scale.
     #[test]
     fn cuts_are_partitions_and_worst_first(
         lights in prop::collection::vec(strategies::light_bounds(), 1..80),

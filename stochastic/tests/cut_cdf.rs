@@ -46,7 +46,8 @@ fn conforms<T: LightHierarchy>(
         .unwrap_or_else(|e| panic!("{name} {nodes}: {e}"));
 }
 
-/// The probability that is reported is the one asked for and the one by which lights are drawn, for cuts of one node, some and all leaves.
+/// The probability that is reported is the one asked for and the one by which lights are drawn, for cuts of
+/// one node, some and all leaves.
 #[test]
 fn a_distribution_over_a_cut_conforms() {
     let lights = scattered(MILLION.lights);
@@ -106,7 +107,8 @@ fn estimates_are_what_the_formula_says() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// No light that may contribute is left out, whatever the scene, its scale and its place, the receiver and its kind.
+    /// No light that may contribute is left out, whatever the scene, its scale and its place, the receiver
+    /// and its kind.
     #[test]
     fn estimates_are_0_only_where_bounds_are(
         lights in strategies::lights(1..12),
@@ -188,13 +190,15 @@ fn placed(receiver: AnyReceiver, placement: &strategies::Placement) -> AnyReceiv
     receiver.at(to)
 }
 
-/// Of each pass of a block with learning: the sum of its estimates ÷ the truth. `seen` says which lights are, by light and pass.
+/// Of each pass of a block with learning: the sum of its estimates ÷ the truth. `seen` says which lights are,
+/// by light and pass.
 fn learned_passes(seed: u32, passes: u32, lights: u32, seen: impl Fn(u32, u32) -> bool) -> Vec<f64> {
     let (of_pixels, _) = passes_of_pixels(seed, passes, lights, seen);
     of_pixels.iter().map(|pixels| pixels.iter().sum::<f64>() / pixels.len() as f64).collect()
 }
 
-/// The same for each of its pixels, and how many of them were in another phase than their first after the passes.
+/// The same for each of its pixels, and how many of them were in another phase than their first after the
+/// passes.
 fn passes_of_pixels(
     seed: u32,
     passes: u32,
@@ -243,7 +247,8 @@ fn passes_of_pixels(
     (of_pixels, learned)
 }
 
-/// Where hardly anything is hidden, one sequence goes on from the first pass to the last; where half of the lights are, phases begin.
+/// Where hardly anything is hidden, one sequence goes on from the first pass to the last; where half of the
+/// lights are, phases begin.
 #[test]
 fn learning_stays_off_where_it_does_not_pay() {
     let learned = |seen: fn(u32, u32) -> bool| -> usize {
@@ -253,8 +258,9 @@ fn learning_stays_off_where_it_does_not_pay() {
     assert!(open <= 10 && hidden >= 150, "of 200 pixels {open} in the open, {hidden} among walls");
 }
 
-/// Whether a half of a block learns is chance, here about even; its samples have no bias, given either. Negative control, run by hand: with halves that ask their own first pass the second
-/// is 1.6 % too bright, by 4.4 standard errors.
+/// Whether a half of a block learns is chance, here about even; its samples have no bias, given either.
+/// Negative control, run by hand: with halves that ask their own first pass the second is 1.6 % too bright,
+/// by 4.4 standard errors.
 #[test]
 fn the_decision_to_learn_leaves_no_bias() {
     const RUNS: u32 = 6000;
@@ -400,8 +406,9 @@ fn bounding_boxes_of_groups_hold_their_receivers() {
     assert_eq!(ReceiverGroup::of([]), None);
 }
 
-/// A frame that recalls what the last one learned draws hidden lights less from its first sample on, in a tree that was built anew in another order, too; a block
-/// elsewhere knows nothing of it. Negative control: without the store it does not.
+/// A frame that recalls what the last one learned draws hidden lights less from its first sample on, in a
+/// tree that was built anew in another order, too; a block elsewhere knows nothing of it. Negative control:
+/// without the store it does not.
 #[test]
 fn what_is_kept_helps_the_next_frame() {
     let lights = scattered(400);
@@ -451,8 +458,9 @@ fn what_is_kept_helps_the_next_frame() {
     assert!((share_with(&tree, &elsewhere, Some(&store)) - far).abs() < 1e-9);
 }
 
-/// A pane before a wall, facing the same way and seen in the same pixel, must not draw by the wall's distribution: what it mirrors would be rare and bright. Nor do two panes that
-/// mirror different places, while camera samples of one surface share one.
+/// A pane before a wall, facing the same way and seen in the same pixel, must not draw by the wall's
+/// distribution: what it mirrors would be rare and bright. Nor do two panes that mirror different places,
+/// while camera samples of one surface share one.
 #[test]
 fn surfaces_that_scatter_otherwise_get_distributions_of_their_own() {
     let lights = scattered(400);
@@ -491,7 +499,8 @@ fn surfaces_that_scatter_otherwise_get_distributions_of_their_own() {
     assert_eq!(built_after(&narrow, &pane(view + 1e-3, 0.021)), (1, false));
 }
 
-/// A light below the horizon of the receiver that a distribution was made for may be above that of another which draws from it, too.
+/// A light below the horizon of the receiver that a distribution was made for may be above that of another
+/// which draws from it, too.
 #[test]
 fn receivers_that_share_a_distribution_can_draw_every_light() {
     let lights: Vec<_> =
@@ -513,8 +522,9 @@ fn receivers_that_share_a_distribution_can_draw_every_light() {
     assert_eq!(block.built(), 1, "they share one");
 }
 
-/// Of nodes seen by lobes from wide to narrow, some at grazing views: the weight is about the mean of what the surface makes of points of the box. Boxes are flat, as
-/// those of windows and walls; a sphere around them missed the mean by more than ten times.
+/// Of nodes seen by lobes from wide to narrow, some at grazing views: the weight is about the mean of what
+/// the surface makes of points of the box. Boxes are flat, as those of windows and walls; a sphere around
+/// them missed the mean by more than ten times.
 #[test]
 fn lobes_are_weighed_by_their_mean_over_the_box() {
     let mut random = Random::new(8, 0, 0);

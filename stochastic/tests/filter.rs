@@ -1,4 +1,5 @@
-//! What the filters promise: nothing is made, lost, or carried over an edge; and what is not a number stays where it is.
+//! What the filters promise: nothing is made, lost, or carried over an edge; and what is not a number stays
+//! where it is.
 
 use glam::Vec3;
 use lighttree::rng::Random;
@@ -264,7 +265,8 @@ fn the_filter_narrows_as_frames_accumulate() {
     assert!(errors[1] < 0.3 * errors[0] && errors[2] < 0.2 * errors[1], "{errors:?}");
 }
 
-/// Where noise is rare and bright, most pixels have seen none of it for some frames, and think that they know.
+/// Where noise is rare and bright, most pixels have seen none of it for some frames, and think that they
+/// know.
 #[test]
 fn more_frames_make_rare_noise_better_and_not_worse() {
     let rare = |x, y, n| Vec3::splat(if Random::new(8, y * 4096 + x, n).f32() < 0.98 { 0.1 } else { 45.1 });

@@ -96,7 +96,8 @@ fn cuts_leave_unlinked_subtrees_alone() {
         assert_eq!(upper == 0.0, linked.mask(node) & 4 == 0);
         open.extend(view.children(node).map(NodeId));
     }
-    // One light from each subtree of a cut, down to single lights: linked ones alone, and as often as the density says.
+    // One light from each subtree of a cut, down to single lights: linked ones alone, and as often as the
+    // density says.
     for nodes in [1, 8, 64, 400] {
         let sampler = CutSampler::new(&view, CutParams::with_nodes(nodes));
         let mut selection = Selection::default();

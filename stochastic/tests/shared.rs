@@ -30,8 +30,8 @@ proptest! {
         prop_assert!(seen.iter().all(|&count| count == 1));
     }
 
-    /// The union over the m² rotations is the whole cut exactly once, and so is the union over a sub-block in one frame; shares
-    /// differ by at most one draw.
+    /// The union over the m² rotations is the whole cut exactly once, and so is the union over a sub-block in
+    /// one frame; shares differ by at most one draw.
     #[test]
     fn interleaving_takes_each_draw_once(
         side in 1u32..20, count in prop_oneof![0u64..70, 0u64..100_000, Just(u64::MAX)], x: u32, y: u32, frame in 0u32..1_000_000,
@@ -59,7 +59,8 @@ proptest! {
     }
 }
 
-/// B12: fewer subtrees than parts leave some pixels empty, and the factor stays m²; the paper's own example of 8 subtrees on 2 × 2.
+/// B12: fewer subtrees than parts leave some pixels empty, and the factor stays m²; the paper's own example
+/// of 8 subtrees on 2 × 2.
 #[test]
 fn parts_are_those_of_equation_3() {
     let four = Interleave::new(2);
@@ -72,7 +73,8 @@ fn parts_are_those_of_equation_3() {
     assert_eq!((four.part(1, 0, 0), four.part(1, 0, 3), four.part(3, 2, u32::MAX)), (1, 0, 0));
 }
 
-/// The first candidate is drawn evenly, and so is, nearly, the first valid one where half of the pixels show nothing.
+/// The first candidate is drawn evenly, and so is, nearly, the first valid one where half of the pixels show
+/// nothing.
 #[test]
 fn representatives_are_drawn_evenly() {
     let grid = BlockGrid::new(37, 21, 5);
@@ -125,7 +127,8 @@ fn guards_find_breaks_and_not_slopes() {
     assert!(all.admits(&floor, &SurfacePoint { position: Vec3::X * 9.0, normal: Vec3::X, depth: 9.0 }));
 }
 
-/// A cut of one point serves another without bias, however unlike, and interleaved parts of it add up to the whole.
+/// A cut of one point serves another without bias, however unlike, and interleaved parts of it add up to the
+/// whole.
 #[test]
 fn any_cut_is_unbiased_for_any_point() {
     let lights = scattered(200);

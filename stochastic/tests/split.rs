@@ -49,7 +49,8 @@ fn spreads_are_those_of_the_lights_below() {
         let far = LambertReceiver { position: Vec3::splat(1e6), normal: Vec3::ZERO, albedo: 1.0 };
         let sampler = SplitSampler::new(TreeSampler::new(&tree), &spread, params);
         let mut selection = Selection::default();
-        // From far away distances are equal, and what is split is what has the largest spread of energies in absolute terms.
+        // From far away distances are equal, and what is split is what has the largest spread of energies in
+        // absolute terms.
         let unknown = |node| {
             let below: Vec<f64> = tree
                 .items(node)

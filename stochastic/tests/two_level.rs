@@ -173,7 +173,8 @@ fn every_tree_and_every_choice_conforms() {
     }
 }
 
-/// E20: what an instance gives grows with the area of its surfaces, and with nothing where lights keep their intensity.
+/// E20: what an instance gives grows with the area of its surfaces, and with nothing where lights keep their
+/// intensity.
 #[test]
 fn energy_grows_with_area() {
     let lights = mesh_lights(40, 9);
@@ -354,7 +355,8 @@ fn an_instance_takes_400_bytes_and_its_mesh_none() {
     assert!(each <= 400.0, "{each} bytes an instance");
 }
 
-/// What is left of the probabilities of a plain tree by the detour through mesh space, where there is nothing to transform.
+/// What is left of the probabilities of a plain tree by the detour through mesh space, where there is nothing
+/// to transform.
 #[test]
 fn one_instance_as_it_is_is_the_tree_itself() {
     let lights = mesh_lights(100, 7);
@@ -371,7 +373,8 @@ fn one_instance_as_it_is_is_the_tree_itself() {
     }
 }
 
-/// E15: of two points one is above the horizon by so little that rounding on the way to mesh space could put it below.
+/// E15: of two points one is above the horizon by so little that rounding on the way to mesh space could put
+/// it below.
 #[test]
 fn a_light_hardly_above_the_horizon_is_drawn() {
     let mut random = Random::new(21, 0, 0);
@@ -451,8 +454,9 @@ fn exact_contribution(
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Each node's bounds in world space are bounds of each light below it, its box holds them as a host rounds them, and no light that gives anything
-    /// is left out; receivers are near lights, on their planes, and lit by their last corners.
+    /// Each node's bounds in world space are bounds of each light below it, its box holds them as a host
+    /// rounds them, and no light that gives anything is left out; receivers are near lights, on their planes,
+    /// and lit by their last corners.
     #[test]
     fn bounds_stay_bounds_and_no_light_is_lost(
         transforms in prop::collection::vec(affine(), 1..3),

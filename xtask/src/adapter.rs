@@ -20,7 +20,8 @@ pub(crate) enum Adapter {
     Missing(String),
 }
 
-/// Looks for an adapter, and installs Mesa's software driver where there is none and this may be done: as root on a machine with apt.
+/// Looks for an adapter, and installs Mesa's software driver where there is none and this may be done: as
+/// root on a machine with apt.
 ///
 /// # Errors
 /// Where an adapter is required and there is none.

@@ -351,7 +351,8 @@ impl<'a> Bake<'a> {
         self.settle(None)
     }
 
-    /// Steps until all is up to date, or so many updates were made since the last edit; whether it came so far.
+    /// Steps until all is up to date, or so many updates were made since the last edit; whether it came so
+    /// far.
     fn settle(&mut self, updates: Option<u64>) -> Result<bool, Failure> {
         let budget = StepBudget { paths: 1 << 16, accumulations: if updates.is_some() { 1 } else { 32 } };
         let mut said = Instant::now();

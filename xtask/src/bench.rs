@@ -14,7 +14,8 @@ pub(crate) struct BenchArgs {
     #[arg(value_name = "NAME")]
     names: Vec<String>,
 
-    /// Stop each benchmark as soon as criterion is sure enough: minutes instead of an hour, with wider intervals
+    /// Stop each benchmark as soon as criterion is sure enough: minutes instead of an hour, with wider
+    /// intervals
     #[arg(long)]
     quick: bool,
 }

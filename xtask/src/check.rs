@@ -106,7 +106,8 @@ fn one_glam() -> Result<(), Failure> {
     }
 }
 
-/// One `rust-version` for all members; older toolchains are refused by cargo, and this one has to be no older.
+/// One `rust-version` for all members; older toolchains are refused by cargo, and this one has to be no
+/// older.
 fn rust_version() -> Result<(), Failure> {
     let metadata = metadata()?;
     let members = metadata["workspace_members"].as_array().cloned().unwrap_or_default();

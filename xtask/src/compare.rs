@@ -24,8 +24,8 @@ pub(crate) use reference::blend;
 /// What to compare.
 #[derive(clap::Args)]
 pub(crate) struct CompareArgs {
-    /// A .glb or .gltf file, or a built-in scene with an optional number of lights: hall:10000, cornell, city:100000,
-    /// glossy:1000, wall:1000000
+    /// A .glb or .gltf file, or a built-in scene with an optional number of lights: hall:10000, cornell,
+    /// city:100000, glossy:1000, wall:1000000
     #[arg(default_value = source::DEFAULT_SCENE)]
     scene: String,
 
@@ -38,11 +38,13 @@ pub(crate) struct CompareArgs {
     )]
     methods: Vec<String>,
 
-    /// The truth; without it one is made, by every light (`brute`) or by path tracing with --gi path, and its own noise is measured
+    /// The truth; without it one is made, by every light (`brute`) or by path tracing with --gi path, and its
+    /// own noise is measured
     #[arg(long, value_name = "FILE.exr")]
     reference: Option<PathBuf>,
 
-    /// Seconds that each method has, to build its tree and to render; a method whose single sample per pixel takes longer has that long
+    /// Seconds that each method has, to build its tree and to render; a method whose single sample per pixel
+    /// takes longer has that long
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = seconds)]
     seconds_per_method: f64,
 
@@ -150,7 +152,8 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// One plan per method. A key has to belong to one of the methods at least; those that do not have it go without.
+/// One plan per method. A key has to belong to one of the methods at least; those that do not have it go
+/// without.
 fn plans(args: &CompareArgs) -> Result<Vec<Plan>, Failure> {
     let methods = args.methods.iter().map(|name| Method::named(name)).collect::<Result<Vec<_>, _>>()?;
     if let Some((_, twice)) =

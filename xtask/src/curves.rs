@@ -24,7 +24,8 @@ use sweep::{Curve, Point};
 /// What to report on.
 #[derive(clap::Args)]
 pub(crate) struct ReportArgs {
-    /// Scenes, separated by commas: files, or built-in scenes [default: hall:10000,city:10000,glossy:1000,wall:100000]
+    /// Scenes, separated by commas: files, or built-in scenes [default:
+    /// hall:10000,city:10000,glossy:1000,wall:100000]
     #[arg(long, value_name = "A,B,...", value_delimiter = ',')]
     scenes: Vec<String>,
 
@@ -32,7 +33,8 @@ pub(crate) struct ReportArgs {
     #[arg(long, value_name = "A,B,...", value_delimiter = ',')]
     methods: Vec<String>,
 
-    /// Camera samples per pixel, of the reference and of every method alike: the same rays, so that what differs is light selection alone
+    /// Camera samples per pixel, of the reference and of every method alike: the same rays, so that what
+    /// differs is light selection alone
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
     spp: u32,
 

@@ -1,7 +1,8 @@
 //! `--device gpu`: the tree, the draws, the shading and the rays of a picture on a wgpu device.
 //!
-//! What the camera sees is found as on the CPU: its rays are traced on the device, what their hits mean (textures, glass, mirrors) is the reference host's. Then
-//! the device draws lights for every pixel, shades and casts shadow rays; a pixel's radiance comes back.
+//! What the camera sees is found as on the CPU: its rays are traced on the device, what their hits mean
+//! (textures, glass, mirrors) is the reference host's. Then the device draws lights for every pixel, shades
+//! and casts shadow rays; a pixel's radiance comes back.
 
 mod draws;
 mod filters;
@@ -306,7 +307,8 @@ impl Device {
         self.add_times("tree", start)
     }
 
-    /// Adds what the device's clock says of the last submission, or else what it took since `start` as the stage `all`.
+    /// Adds what the device's clock says of the last submission, or else what it took since `start` as the
+    /// stage `all`.
     fn add_times(&mut self, all: &'static str, start: Instant) -> Result<(), GpuError> {
         let wall = start.elapsed().as_secs_f64();
         let spans = self.times.seconds(&self.gpu)?;

@@ -19,7 +19,8 @@ use crate::settings::Settings;
 use crate::shot::{Left, Plan, Stage};
 use crate::trees::KeptMeshes;
 
-/// What a frame leaves to the next one; nothing before the first. What a filter or a method wants to find again has its place here.
+/// What a frame leaves to the next one; nothing before the first. What a filter or a method wants to find
+/// again has its place here.
 #[derive(Default)]
 pub(crate) struct Kept {
     /// The last picture.
@@ -198,7 +199,8 @@ impl Sequence<'_> {
         }
     }
 
-    /// Where frame `frame` is written: `output` itself if it is the only one, otherwise `NAME.0000.exr` and so on.
+    /// Where frame `frame` is written: `output` itself if it is the only one, otherwise `NAME.0000.exr` and
+    /// so on.
     pub(crate) fn output(&self, output: &Path, frame: u32) -> PathBuf {
         if self.frames == 1 { output.to_owned() } else { output.with_extension(format!("{frame:04}.exr")) }
     }
@@ -262,7 +264,8 @@ fn seed_of(seed: u32, frame: u32) -> u32 {
     if frame == 0 { seed } else { pcg4d([seed, frame, SALT, 0])[0] }
 }
 
-/// The camera after so many frames of `--set orbit=`: round the vertical through what is in the middle of its picture.
+/// The camera after so many frames of `--set orbit=`: round the vertical through what is in the middle of its
+/// picture.
 fn orbited(camera: &Camera, rays: &SceneRays, settings: &Settings, frame: u32) -> Camera {
     let degrees = settings.number("orbit").unwrap_or_default();
     if degrees == 0.0 || frame == 0 {

@@ -13,8 +13,8 @@ use crate::{memory, output, source};
 /// What to look at.
 #[derive(clap::Args)]
 pub(crate) struct InspectArgs {
-    /// A .glb or .gltf file, or a built-in scene with an optional number of lights: hall:10000, cornell, city:100000,
-    /// glossy:1000, wall:1000000
+    /// A .glb or .gltf file, or a built-in scene with an optional number of lights: hall:10000, cornell,
+    /// city:100000, glossy:1000, wall:1000000
     scene: String,
 
     /// Print one JSON object as the last line of standard output
@@ -114,7 +114,8 @@ struct Shape {
     leaves: usize,
     depth: usize,
     leaf_depths: usize,
-    /// Sum over inner nodes of the cosine of their cone of normals: 1 where a cluster's lights all face one way.
+    /// Sum over inner nodes of the cosine of their cone of normals: 1 where a cluster's lights all face one
+    /// way.
     cosines: f64,
 }
 

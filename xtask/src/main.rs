@@ -47,11 +47,13 @@ enum Subject {
     Compare(Box<compare::CompareArgs>),
     /// Say what a scene holds, and how light trees over it turn out
     Inspect(inspect::InspectArgs),
-    /// Bake a scene's light into lightmaps, and let them follow edits: maps, the scene with coordinates to look them up, and a saved bake
+    /// Bake a scene's light into lightmaps, and let them follow edits: maps, the scene with coordinates to
+    /// look them up, and a saved bake
     Bake(Box<bake::BakeArgs>),
     /// Measure how fast the crates are: criterion benchmarks, with curves under target/criterion
     Bench(bench::BenchArgs),
-    /// Measure what each method gives for its time, dial by dial: curves of error against time, a page, pictures and data
+    /// Measure what each method gives for its time, dial by dial: curves of error against time, a page,
+    /// pictures and data
     Report(Box<curves::ReportArgs>),
     /// Set up what the tests need and run all of them, examples and documentation included
     Test(test::TestArgs),
@@ -91,7 +93,8 @@ fn run(command: &Subject) -> Result<(), Failure> {
     }
 }
 
-/// A bug of ours is one line as well, with its place; the default hook's text is for people with the source open.
+/// A bug of ours is one line as well, with its place; the default hook's text is for people with the source
+/// open.
 fn one_line_for_bugs() {
     std::panic::set_hook(Box::new(|panic| {
         let place = panic.location().map_or_else(String::new, |at| format!("{}:{}: ", at.file(), at.line()));

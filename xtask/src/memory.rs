@@ -2,8 +2,9 @@
 
 /// The most memory that was resident at once, in bytes.
 ///
-/// On Linux `VmHWM` of `/proc/self/status`. `getrusage` has the same figure on every Unix, but Linux counts the program into it that
-/// ran in this process before `exec`, here cargo; so it is only the fallback. `None` on other systems.
+/// On Linux `VmHWM` of `/proc/self/status`. `getrusage` has the same figure on every Unix, but Linux counts
+/// the program into it that ran in this process before `exec`, here cargo; so it is only the fallback. `None`
+/// on other systems.
 pub(crate) fn peak_resident() -> Option<u64> {
     high_water_mark().or_else(max_rss)
 }

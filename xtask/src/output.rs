@@ -66,7 +66,8 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Lets `write` fill a temporary file beside `path`, and gives it that name once it is complete and on the disk.
+/// Lets `write` fill a temporary file beside `path`, and gives it that name once it is complete and on the
+/// disk.
 ///
 /// # Errors
 /// A failure that names `path`, if its folder is not there, cannot be written, or is full.
@@ -91,7 +92,8 @@ pub(crate) fn text(path: &Path, text: &str) -> Result<(), Failure> {
     whole(path, |file| file.write_all(text.as_bytes()))
 }
 
-/// Writes `path` as EXR, with what it is (`about`), and, beside it, the same as PNG, brightened by `stops`. Returns the PNG's name.
+/// Writes `path` as EXR, with what it is (`about`), and, beside it, the same as PNG, brightened by `stops`.
+/// Returns the PNG's name.
 ///
 /// # Errors
 /// A failure that names the file.

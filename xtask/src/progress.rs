@@ -1,4 +1,5 @@
-//! How far long work is: a bar where a person watches, plain lines where a log is kept. Always on standard error.
+//! How far long work is: a bar where a person watches, plain lines where a log is kept. Always on standard
+//! error.
 
 use std::io::IsTerminal;
 use std::sync::Mutex;

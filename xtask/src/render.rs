@@ -18,8 +18,8 @@ use crate::{device, memory, output, source, stop};
 /// What to render, and how.
 #[derive(clap::Args)]
 pub(crate) struct RenderArgs {
-    /// A .glb or .gltf file, or a built-in scene with an optional number of lights: hall:10000, cornell, city:100000,
-    /// glossy:1000, wall:1000000, and two that move: cornell-lights:12146, sun:100000
+    /// A .glb or .gltf file, or a built-in scene with an optional number of lights: hall:10000, cornell,
+    /// city:100000, glossy:1000, wall:1000000, and two that move: cornell-lights:12146, sun:100000
     #[arg(default_value = source::DEFAULT_SCENE)]
     scene: String,
 
@@ -27,7 +27,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, short, value_name = "M", default_value = "lightcut")]
     method: String,
 
-    /// Turn a dial of the method, of the materials or of the camera, as often as you like; --help-methods lists them
+    /// Turn a dial of the method, of the materials or of the camera, as often as you like; --help-methods
+    /// lists them
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 
@@ -38,11 +39,13 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     look: LookArgs,
 
-    /// Where to render: cpu, or gpu for the methods tree, cut, shared-cut, cut-cdf and cut-cdf-vis, on the best Vulkan adapter there is
+    /// Where to render: cpu, or gpu for the methods tree, cut, shared-cut, cut-cdf and cut-cdf-vis, on the
+    /// best Vulkan adapter there is
     #[arg(long, value_name = "WHERE", default_value = "cpu")]
     device: Device,
 
-    /// Frames, each with lights built anew and a seed of its own: more than one are written as FILE.0000.exr and so on
+    /// Frames, each with lights built anew and a seed of its own: more than one are written as FILE.0000.exr
+    /// and so on
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: u32,
 
@@ -70,7 +73,8 @@ pub(crate) struct RenderArgs {
 /// What a picture looks like, whatever the method.
 #[derive(clap::Args)]
 pub(crate) struct LookArgs {
-    /// Light beyond the direct one: none, as virtual point lights, or by path tracing [default: none; path for --method path]
+    /// Light beyond the direct one: none, as virtual point lights, or by path tracing [default: none; path
+    /// for --method path]
     #[arg(long, value_name = "HOW")]
     pub(crate) gi: Option<GiKind>,
 

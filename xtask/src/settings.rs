@@ -63,10 +63,12 @@ impl Range {
 pub(crate) struct Settings(BTreeMap<&'static str, String>);
 
 impl Settings {
-    /// Defaults of `keys`, overwritten by `assignments` (`KEY=VALUE` each). `owner` has the keys, for messages.
+    /// Defaults of `keys`, overwritten by `assignments` (`KEY=VALUE` each). `owner` has the keys, for
+    /// messages.
     ///
     /// # Errors
-    /// A usage error for what is not `KEY=VALUE`, for a key that `owner` does not have, and for a value out of range.
+    /// A usage error for what is not `KEY=VALUE`, for a key that `owner` does not have, and for a value out
+    /// of range.
     pub(crate) fn parse(owner: &str, keys: &[Key], assignments: &[String]) -> Result<Self, Failure> {
         let mut values: BTreeMap<_, _> = keys.iter().map(|key| (key.name, key.default.to_owned())).collect();
         for assignment in assignments {

@@ -74,7 +74,8 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// All that decides what the picture looks like, and nothing else: the same picture has the same words, whatever the machine.
+    /// All that decides what the picture looks like, and nothing else: the same picture has the same words,
+    /// whatever the machine.
     pub(crate) fn about(&self, scene: &str, camera: &str, params: &RenderParams) -> Value {
         json!({
             "scene": scene,
@@ -268,7 +269,8 @@ impl<'a> Stage<'a> {
         self.render_after(plan, prepared, params, progress, &mut Left::default())
     }
 
-    /// Takes one picture of a sequence: with what the one before it left in `left`, which is replaced by this one's.
+    /// Takes one picture of a sequence: with what the one before it left in `left`, which is replaced by this
+    /// one's.
     ///
     /// # Errors
     /// If it has no pixels, or the threads cannot be started.
@@ -502,7 +504,8 @@ impl<P: Progress> Shot<'_, P> {
     }
 }
 
-/// Virtual lights leave out what glossy lobes send on; a person who waits for them to agree with paths should know.
+/// Virtual lights leave out what glossy lobes send on; a person who waits for them to agree with paths should
+/// know.
 fn say_what_was_lost(report: &WalkReport) {
     if report.deposited_glossy > 0.0 {
         eprintln!(

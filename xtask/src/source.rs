@@ -10,7 +10,8 @@ use crate::settings::Settings;
 /// What is rendered when nothing is said.
 pub(crate) const DEFAULT_SCENE: &str = "hall:10000";
 
-/// Reads a `.glb` or `.gltf` file, or makes a built-in scene. Says on standard error what it is and what was decided.
+/// Reads a `.glb` or `.gltf` file, or makes a built-in scene. Says on standard error what it is and what was
+/// decided.
 ///
 /// # Errors
 /// A usage error for a built-in name or count that there is not, a failure for a file that cannot be read.
@@ -62,7 +63,8 @@ pub(crate) fn material_mode(settings: &Settings) -> Result<MaterialMode, Failure
     }
 }
 
-/// The camera that `--set camera=` names: the scene's first one, or one that frames the scene where it has none.
+/// The camera that `--set camera=` names: the scene's first one, or one that frames the scene where it has
+/// none.
 ///
 /// # Errors
 /// A usage error that lists the scene's cameras.

@@ -23,7 +23,8 @@ const SEED_VARIABLE: &str = "PROPTEST_RNG_SEED";
 /// The seed where the variable is not set: the same commit gives the same verdict on any day and machine.
 const SEED: &str = "20200915";
 
-/// Runs all tests. The test runner's own summary and what kernels were tested on are the last things it prints.
+/// Runs all tests. The test runner's own summary and what kernels were tested on are the last things it
+/// prints.
 pub(crate) fn test(args: &TestArgs) -> Result<(), Failure> {
     say_where_scenes_are();
     let adapter = adapter::find()?;
@@ -81,8 +82,8 @@ fn run_doc_tests() -> Result<(), Failure> {
 
 /// Every example of a member runs without arguments and checks its own result.
 ///
-/// All are built in one call with the features of the tests: `cargo run --package` would choose other features
-/// for each package, and compile the dependencies again.
+/// All are built in one call with the features of the tests: `cargo run --package` would choose other
+/// features for each package, and compile the dependencies again.
 fn run_examples() -> Result<(), Failure> {
     let mut command = cargo(&["build", "--workspace", "--all-features", "--locked", "--quiet"]);
     command.args(["--examples", "--message-format=json-render-diagnostics"]);

@@ -60,7 +60,8 @@ pub(crate) enum Tree {
 }
 
 impl Tree {
-    /// Builds with the builder of that name, over the lights of `scene` or a list that begins with them. `kept` is what the frame before left.
+    /// Builds with the builder of that name, over the lights of `scene` or a list that begins with them.
+    /// `kept` is what the frame before left.
     ///
     /// # Errors
     /// A sentence about the light or the instance that cannot be used.

@@ -114,7 +114,8 @@ fn a_bake_writes_what_engines_read() {
     assert!(folder.path().join("kept/object.0.sh1x.exr").exists());
 }
 
-/// Edits and their opposites leave every bit as it was, and so does another number of threads; an edit alone does not.
+/// Edits and their opposites leave every bit as it was, and so does another number of threads; an edit alone
+/// does not.
 #[test]
 fn undone_edits_leave_no_trace() {
     let folder = tempfile::tempdir().unwrap();
@@ -245,7 +246,8 @@ fn what_is_wrong_is_named_in_a_line() {
     refuses(f, &["bake", "cornell"], &["--output"]);
 }
 
-/// The Cornell box lit by its maps has the light of the path tracer's picture, the same bounces on both sides.
+/// The Cornell box lit by its maps has the light of the path tracer's picture, the same bounces on both
+/// sides.
 #[test]
 fn a_view_has_the_light_of_path_tracing() {
     let folder = tempfile::tempdir().unwrap();

@@ -22,7 +22,8 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// A picture of few pixels (24x16 unless the options say otherwise) with the options given, whose JSON is returned.
+/// A picture of few pixels (24x16 unless the options say otherwise) with the options given, whose JSON is
+/// returned.
 fn render(folder: &Path, arguments: &[&str]) -> Value {
     let size: &[&str] = if arguments.contains(&"--size") { &[] } else { &["--size", "24x16"] };
     let output = xtask(folder, &[&["render", "--json"], size, arguments].concat());
@@ -126,7 +127,8 @@ fn a_device_takes_the_picture_of_the_cpu() {
     assert_eq!(json["frames"].as_array().map(Vec::len), Some(3), "{json}");
     assert!(json["stages"]["learn"].as_f64() > Some(0.0), "{json}");
 
-    // Bodies that turn, each with the tree of its mesh: the CPU's second frame and not its first, with as much noise as the CPU has with another seed.
+    // Bodies that turn, each with the tree of its mesh: the CPU's second frame and not its first, with as
+    // much noise as the CPU has with another seed.
     let bodies = ["cornell-lights:300", "--set", "builder=two-level", "--spp", "32", "--frames", "2"];
     let film = |method: &str, more: &[&str]| {
         let method = ["--size", "24x16", "--method", method];
@@ -432,7 +434,8 @@ fn nothing_half_written_is_left() {
     assert_eq!(names, ["broken.glb", "render.exr", "render.png"]);
 }
 
-/// Ctrl-C while a picture is under way: what is finished is written, and the exit code says that it is not all.
+/// Ctrl-C while a picture is under way: what is finished is written, and the exit code says that it is not
+/// all.
 #[cfg(unix)]
 #[test]
 fn an_interrupt_writes_what_is_finished() {

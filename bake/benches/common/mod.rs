@@ -1,4 +1,5 @@
-//! A host for benches: built-in scenes with a crate and a partition that edits move, rays by the reference host's tree.
+//! A host for benches: built-in scenes with a crate and a partition that edits move, rays by the reference
+//! host's tree.
 #![allow(dead_code, reason = "each bench uses a part")]
 
 use std::collections::BTreeMap;

@@ -1,4 +1,5 @@
-//! What an edit changes in the lights of a bake, and how few of them would do: the limits of any order of updates.
+//! What an edit changes in the lights of a bake, and how few of them would do: the limits of any order of
+//! updates.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -170,8 +171,8 @@ fn norm(a: &[f32]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// What merging across cells (Luksch et al. 2019, section 4.1, "Border Handling") might save in one bake: disks that lie in the plane of a neighbouring patch, and
-/// patches that continue in the next cell.
+/// What merging across cells (Luksch et al. 2019, section 4.1, "Border Handling") might save in one bake:
+/// disks that lie in the plane of a neighbouring patch, and patches that continue in the next cell.
 pub(crate) fn borders(lights: &[Contribution]) -> String {
     let patches: Vec<(&Polygon, f64)> = lights
         .iter()

@@ -1,8 +1,9 @@
 //! Which texels a surface covers, and where on it they are.
 //!
-//! Conservative: a texel belongs to the lightmap if any part of its square is on a triangle, even where its centre is not. Filters read such
-//! texels, and a centre beside the surface would be lit as if it were outside (Godot's leaks #51638 and #98685). Each sample of a texel is the
-//! point of the surface that lies under it, or the nearest one there is.
+//! Conservative: a texel belongs to the lightmap if any part of its square is on a triangle, even where its
+//! centre is not. Filters read such texels, and a centre beside the surface would be lit as if it were
+//! outside (Godot's leaks #51638 and #98685). Each sample of a texel is the point of the surface that lies
+//! under it, or the nearest one there is.
 
 use glam::{DVec2, Vec2};
 
@@ -55,7 +56,8 @@ pub(super) struct ObjectTexels {
     pub(super) sites: Vec<Site>,
 }
 
-/// Where the samples of a texel are, in [0, 1)²: Hammersley's points, moved so that their mean is the middle for every power of two.
+/// Where the samples of a texel are, in [0, 1)²: Hammersley's points, moved so that their mean is the middle
+/// for every power of two.
 pub(super) fn sample_positions(samples: u32) -> Vec<Vec2> {
     let places = f64::from(samples.next_power_of_two());
     let radical = |i: u32| f64::from(i.reverse_bits()) / 2f64.powi(32) + 0.5 / places;
@@ -167,7 +169,8 @@ impl Triangle {
         })
     }
 
-    /// Whether the texel with this lower corner shares more than its border with the triangle: no edge has the whole square on its outside.
+    /// Whether the texel with this lower corner shares more than its border with the triangle: no edge has
+    /// the whole square on its outside.
     fn touches(&self, low: DVec2) -> bool {
         let sign = self.double_area.signum();
         (0..3).all(|i| {
@@ -186,8 +189,8 @@ impl Triangle {
         [to.perp_dot(c - a) / self.double_area, (b - a).perp_dot(to) / self.double_area]
     }
 
-    /// The point moved off the edges by a part of a texel, towards the middle. On an edge it would lie in the plane of the next wall, and see what
-    /// is behind it.
+    /// The point moved off the edges by a part of a texel, towards the middle. On an edge it would lie in the
+    /// plane of the next wall, and see what is behind it.
     fn inwards(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         const TEXELS: f64 = 1.0 / 32.0;
         let [a, b, c] = self.corners;

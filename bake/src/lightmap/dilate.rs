@@ -1,7 +1,9 @@
-//! Texels beside surfaces, and within solids, take the light of their neighbours, so that filters never mix in black.
+//! Texels beside surfaces, and within solids, take the light of their neighbours, so that filters never mix
+//! in black.
 
-/// Fills empty texels from filled ones, `rings` steps far. Each takes the mean of its filled neighbours, those across a corner at half weight. A step
-/// sees only what was there before it, so that no order of texels shows. Returns how many were filled.
+/// Fills empty texels from filled ones, `rings` steps far. Each takes the mean of its filled neighbours,
+/// those across a corner at half weight. A step sees only what was there before it, so that no order of
+/// texels shows. Returns how many were filled.
 pub(super) fn dilate(
     [width, height]: [u32; 2],
     channels: usize,

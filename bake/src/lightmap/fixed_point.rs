@@ -1,23 +1,25 @@
 //! Sums of light that can be undone to the bit.
 //!
-//! Floats drift: 10⁵ lights added to a texel and taken away again in another order leave up to a quarter of its light behind in f32. Here every
-//! contribution is rounded once to a multiple of a quantum and then summed in 64-bit integers. Integer sums do not depend on order, so neither on threads nor on the
-//! order of edits, and what was added is taken away exactly.
+//! Floats drift: 10⁵ lights added to a texel and taken away again in another order leave up to a quarter of
+//! its light behind in f32. Here every contribution is rounded once to a multiple of a quantum and then
+//! summed in 64-bit integers. Integer sums do not depend on order, so neither on threads nor on the order of
+//! edits, and what was added is taken away exactly.
 
 /// Quanta from which a single contribution is cut off: 2⁶⁰, an eighth of the range.
 const MOST_QUANTA: f64 = (1u64 << 60) as f64;
 
 /// How light is rounded: the quantum is a power of two in the unit of what is summed, W·m⁻².
 ///
-/// A sum holds up to 2⁶³ quanta, 9.2 · 10¹⁸; a contribution rounds by half a quantum. With the quantum for a peak of 10⁶, that is 2⁻³⁹,
-/// a thousand contributions of 10⁻⁶ are off by 10⁻⁶ of their sum at most.
+/// A sum holds up to 2⁶³ quanta, 9.2 · 10¹⁸; a contribution rounds by half a quantum. With the quantum for a
+/// peak of 10⁶, that is 2⁻³⁹, a thousand contributions of 10⁻⁶ are off by 10⁻⁶ of their sum at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FixedPoint {
     exponent: i32,
 }
 
 impl FixedPoint {
-    /// The finest quantum with which sums up to 8 × `peak` fit; `peak` of zero or less, or not finite, counts as 1.
+    /// The finest quantum with which sums up to 8 × `peak` fit; `peak` of zero or less, or not finite, counts
+    /// as 1.
     pub fn for_peak(peak: f64) -> Self {
         let peak = if peak > 0.0 && peak.is_finite() { peak } else { 1.0 };
         // 2⁶³ quanta hold 2³ times the next power of two.
@@ -44,8 +46,9 @@ impl FixedPoint {
         2f64.powi(self.exponent + 63)
     }
 
-    /// A contribution in quanta. What is larger than an eighth of the range is cut off there, and what is not a number
-    /// counts as nothing; both are counted, and both are the same when the contribution is taken away again.
+    /// A contribution in quanta. What is larger than an eighth of the range is cut off there, and what is not
+    /// a number counts as nothing; both are counted, and both are the same when the contribution is taken
+    /// away again.
     #[inline]
     pub fn quantise(self, value: f64, counts: &mut FixedPointCounts) -> i64 {
         let quanta = value * 2f64.powi(-self.exponent);
@@ -70,11 +73,13 @@ impl FixedPoint {
 /// What did not fit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FixedPointCounts {
-    /// Contributions cut off at an eighth of the range; each counts when it is added and when it is taken away.
+    /// Contributions cut off at an eighth of the range; each counts when it is added and when it is taken
+    /// away.
     pub cut_off: u64,
     /// Contributions that were not a number and count as nothing.
     pub non_finite: u64,
-    /// Sums that are beyond the range now: their values are wrong until light is taken away, and right again from then on.
+    /// Sums that are beyond the range now: their values are wrong until light is taken away, and right again
+    /// from then on.
     pub wrapped: i64,
 }
 
@@ -88,8 +93,8 @@ impl core::ops::AddAssign for FixedPointCounts {
 
 /// Adds `quanta` to a sum of light, modulo 2⁶⁴, and keeps count of the sums that are beyond the range.
 ///
-/// Arithmetic modulo 2⁶⁴ is undone exactly even where it wraps. True sums of light are never negative, so a sum that wraps upwards is
-/// beyond the range until one wraps downwards: the count is exact.
+/// Arithmetic modulo 2⁶⁴ is undone exactly even where it wraps. True sums of light are never negative, so a
+/// sum that wraps upwards is beyond the range until one wraps downwards: the count is exact.
 #[inline]
 pub(super) fn accumulate(sum: &mut i64, quanta: i64, counts: &mut FixedPointCounts) {
     let (next, wrapped) = sum.overflowing_add(quanta);
@@ -105,7 +110,8 @@ mod tests {
 
     use super::*;
 
-    /// 10⁵ contributions over 12 decades, added in one order and taken away in another, leave the bits that were there.
+    /// 10⁵ contributions over 12 decades, added in one order and taken away in another, leave the bits that
+    /// were there.
     #[test]
     fn undo_is_exact() {
         let fixed = FixedPoint::for_peak(1e6);

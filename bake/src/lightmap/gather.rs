@@ -1,7 +1,8 @@
 //! What one light brings to the texels of a chunk.
 //!
-//! A light that is replaced by one in the same place goes through its texels once: where the way to it crosses nothing that moved, one shadow ray answers for
-//! before and after; and where its flux is the same, too, none is needed. The sums are the same bits as if the one were subtracted and the other added.
+//! A light that is replaced by one in the same place goes through its texels once: where the way to it
+//! crosses nothing that moved, one shadow ray answers for before and after; and where its flux is the same,
+//! too, none is needed. The sums are the same bits as if the one were subtracted and the other added.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -61,7 +62,8 @@ pub(super) struct Gather<'a, R> {
 }
 
 impl<R: LightmapRays> Gather<'_, R> {
-    /// One pass over one chunk; whether anything changed. `moved` are boxes around what differs between the versions of a pass with two sides.
+    /// One pass over one chunk; whether anything changed. `moved` are boxes around what differs between the
+    /// versions of a pass with two sides.
     #[expect(clippy::too_many_arguments, reason = "the inner loop's state, kept by the caller per thread")]
     pub(super) fn pass(
         &self,
@@ -162,7 +164,8 @@ impl<R: LightmapRays> Gather<'_, R> {
         self.settle(chunk, seen, sums, counts)
     }
 
-    /// Takes what left samples out of the sums of their texels and puts in what came, samples in order; whether any sum is another now.
+    /// Takes what left samples out of the sums of their texels and puts in what came, samples in order;
+    /// whether any sum is another now.
     fn settle(
         &self,
         chunk: &Chunk,

@@ -10,7 +10,8 @@ pub use super::seams::StitchReport;
 /// How pages are made of texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImageParams {
-    /// Steps by which texels grow over what is beside them: at least the padding of charts. What solids cover is filled from as far.
+    /// Steps by which texels grow over what is beside them: at least the padding of charts. What solids cover
+    /// is filled from as far.
     pub dilate: u32,
     /// Whether seams are stitched.
     pub stitch: bool,
@@ -40,7 +41,8 @@ pub struct Image {
 }
 
 impl Image {
-    /// The values at a place in texels as a bilinear sampler has them, which clamps to the edge; `channel` of them.
+    /// The values at a place in texels as a bilinear sampler has them, which clamps to the edge; `channel` of
+    /// them.
     pub fn lookup(&self, at: glam::Vec2, channel: usize) -> f32 {
         let limit = glam::Vec2::new(self.width as f32 - 1.0, self.height as f32 - 1.0);
         let p = (at - 0.5).clamp(glam::Vec2::ZERO, limit.max(glam::Vec2::ZERO));

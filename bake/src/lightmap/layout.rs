@@ -1,7 +1,8 @@
 //! Where in the lightmap each surface has its texels: UV charts, and a rectangle of a page for each object.
 //!
-//! Charts come from `uvunwrap`, whose output is the same bits on every platform and for any number of threads. A mesh that is used
-//! many times is unwrapped once, and each object that shows it gets a rectangle of its own.
+//! Charts come from `uvunwrap`, whose output is the same bits on every platform and for any number of
+//! threads. A mesh that is used many times is unwrapped once, and each object that shows it gets a rectangle
+//! of its own.
 
 use core::fmt;
 
@@ -149,7 +150,8 @@ pub struct Layout {
     pub pages: u32,
     /// Meshes with charts; a host's mesh that is shown at very different scales is there once for each.
     pub meshes: Vec<ChartedMesh>,
-    /// One for each object; `None` for those without triangles, or with none that is wider than a millionth of the mesh.
+    /// One for each object; `None` for those without triangles, or with none that is wider than a millionth
+    /// of the mesh.
     pub objects: Vec<Option<Placement>>,
     /// Charts over all meshes.
     pub charts: u32,
@@ -363,8 +365,8 @@ fn check_texels(
     })
 }
 
-/// Whether the unwrapper makes a chart of anything in the mesh: it leaves out triangles thinner than a millionth of the mesh's extent, and can't take a
-/// mesh of which nothing is left.
+/// Whether the unwrapper makes a chart of anything in the mesh: it leaves out triangles thinner than a
+/// millionth of the mesh's extent, and can't take a mesh of which nothing is left.
 fn has_place(mesh: &MeshView<'_>) -> bool {
     if !mesh.kept_uvs.is_empty() {
         return !mesh.triangles.is_empty();

@@ -2,14 +2,17 @@
 //!
 //! What keeps lightmaps from leaking is done here, before any light:
 //!
-//! - Samples start off their triangle by more than rounding, on its front, so that no ray meets the triangle itself.
-//! - *Terminator*: on smooth surfaces they start on the surface that the vertex normals suggest, never below the triangle, so that
-//!   facets don't shade themselves (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, 2021).
-//! - *Pushed out*: a sample from which the back of a surface is seen within a texel's length, along its own surface, lies within
-//!   a solid that stands on it. It is carried through that back, to where the solid ends, if the surface goes on there (what bakers have done since
-//!   The Witness, with the last condition added: without it, what is within a wall comes out on the wrong side).
-//! - *Back-face test*: a sample that sees nothing but backs above it lies deep within a solid. Its texel is filled from its neighbours instead of with
-//!   a solid's darkness, if all of its samples are such.
+//! - Samples start off their triangle by more than rounding, on its front, so that no ray meets the triangle
+//!   itself.
+//! - *Terminator*: on smooth surfaces they start on the surface that the vertex normals suggest, never below
+//!   the triangle, so that facets don't shade themselves (Hanika, "Hacking the Shadow Terminator", Ray
+//!   Tracing Gems II, 2021).
+//! - *Pushed out*: a sample from which the back of a surface is seen within a texel's length, along its own
+//!   surface, lies within a solid that stands on it. It is carried through that back, to where the solid
+//!   ends, if the surface goes on there (what bakers have done since The Witness, with the last condition
+//!   added: without it, what is within a wall comes out on the wrong side).
+//! - *Back-face test*: a sample that sees nothing but backs above it lies deep within a solid. Its texel is
+//!   filled from its neighbours instead of with a solid's darkness, if all of its samples are such.
 
 use glam::{Affine3A, DVec3, Vec3};
 use lighttree::{Ray, RayHit, RayQueries};
@@ -19,15 +22,17 @@ use super::layout::{ChartedMesh, Placement};
 
 /// Rays as a lightmap needs them: [`RayQueries`], and which side of a surface was met.
 ///
-/// Whether a segment is occluded must depend on the surfaces alone that it comes near: not on how a tree over them was built, nor on what else is asked. Then a segment that
-/// crosses no box of anything that moved has the same answer in the next version, and is not asked again.
+/// Whether a segment is occluded must depend on the surfaces alone that it comes near: not on how a tree over
+/// them was built, nor on what else is asked. Then a segment that crosses no box of anything that moved has
+/// the same answer in the next version, and is not asked again.
 pub trait LightmapRays: RayQueries + Sync {
-    /// Whether `hit` of `ray` is the back of a surface that has solid matter behind it. Always false for surfaces that are lit from both sides: such
-    /// a surface has no inside.
+    /// Whether `hit` of `ray` is the back of a surface that has solid matter behind it. Always false for
+    /// surfaces that are lit from both sides: such a surface has no inside.
     fn is_back(&self, ray: &Ray, hit: &RayHit) -> bool;
 }
 
-/// Roundings that a point on a triangle may be off by, and a ray that starts there, in units of [`f32::EPSILON`] times coordinates.
+/// Roundings that a point on a triangle may be off by, and a ray that starts there, in units of
+/// [`f32::EPSILON`] times coordinates.
 const ROUNDINGS: f32 = 4.0;
 /// Slenderness (longest edge by height) beyond which rounding no longer grows with it.
 const MOST_SLENDER: f64 = 1e4;
@@ -57,7 +62,8 @@ impl Sample {
     }
 }
 
-/// A unit vector in 32 bits, off by 4·10⁻⁵ at most (Cigolle et al., "Survey of Efficient Representations for Independent Unit Vectors", 2014).
+/// A unit vector in 32 bits, off by 4·10⁻⁵ at most (Cigolle et al., "Survey of Efficient Representations for
+/// Independent Unit Vectors", 2014).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Octahedral([i16; 2]);
 
@@ -148,7 +154,8 @@ impl Standing<'_> {
         self.on_surface(site).map_or(0.0, |point| point.texel)
     }
 
-    /// Where rays of a site start, before anything is known of other surfaces; `None` on a triangle without area.
+    /// Where rays of a site start, before anything is known of other surfaces; `None` on a triangle without
+    /// area.
     fn on_surface(&self, site: Site) -> Option<Point> {
         let own = self.mesh.triangles[site.triangle as usize];
         let corners = own.map(|v| self.mesh.vertices[v as usize] as usize);
@@ -208,7 +215,8 @@ struct Point {
 }
 
 impl Point {
-    /// Carries the point through the nearest back that it sees along its surface within a texel; whether there was one.
+    /// Carries the point through the nearest back that it sees along its surface within a texel; whether
+    /// there was one.
     fn push_out<R: LightmapRays>(&mut self, rays: &R, scratch: &mut R::Scratch) -> bool {
         let (x, y) = self.geometric.any_orthonormal_pair();
         let mut nearest: Option<(f32, Vec3)> = None;

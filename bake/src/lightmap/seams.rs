@@ -1,8 +1,9 @@
 //! Seams: where a surface goes on in another chart, both sides must look up the same light.
 //!
-//! Iwanicki, "Lighting Technology of The Last of Us", SIGGRAPH 2013 courses: along every such edge, points on both sides are looked up as a
-//! renderer would, bilinearly, and the texels that take part are moved as little as possible until these agree, in the sense of least squares. Edges with a
-//! crease, where light truly differs, are left alone.
+//! Iwanicki, "Lighting Technology of The Last of Us", SIGGRAPH 2013 courses: along every such edge, points on
+//! both sides are looked up as a renderer would, bilinearly, and the texels that take part are moved as
+//! little as possible until these agree, in the sense of least squares. Edges with a crease, where light
+//! truly differs, are left alone.
 
 use std::collections::HashMap;
 
@@ -24,7 +25,8 @@ pub(super) struct Seam {
     b: [DVec2; 2],
 }
 
-/// Edges of a mesh that lie in two charts, or twice in one, without a crease. Vertices are the same where their positions are.
+/// Edges of a mesh that lie in two charts, or twice in one, without a crease. Vertices are the same where
+/// their positions are.
 pub(super) fn find(
     mesh: &ChartedMesh,
     positions: &[Vec3],
@@ -79,7 +81,8 @@ pub struct StitchReport {
     pub seams: u64,
     /// Points along them at which both sides were compared.
     pub points: u64,
-    /// The largest difference between both sides before, as a part of their mean, over points of at least a hundredth of the brightest.
+    /// The largest difference between both sides before, as a part of their mean, over points of at least a
+    /// hundredth of the brightest.
     pub before: f64,
     /// The same afterwards.
     pub after: f64,
@@ -215,7 +218,8 @@ fn solve(rows: &[Row], start: &[f64]) -> Vec<f64> {
     x
 }
 
-/// The largest difference between both sides as a part of their mean, where that is a hundredth of the brightest or more.
+/// The largest difference between both sides as a part of their mean, where that is a hundredth of the
+/// brightest or more.
 fn worst(rows: &[Row], x: &[f64]) -> f64 {
     let mean = |row: &Row| {
         0.5 * row
@@ -236,7 +240,8 @@ fn worst(rows: &[Row], x: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Two strips of a page with different light meet in an edge: they agree afterwards, and texels far from the seam stay.
+    /// Two strips of a page with different light meet in an edge: they agree afterwards, and texels far from
+    /// the seam stay.
     #[test]
     fn both_sides_agree() {
         let size = [16u32, 16];

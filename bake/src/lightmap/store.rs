@@ -21,10 +21,11 @@ pub(super) const CHUNK: usize = 64;
 pub struct LightmapParams {
     /// Charts and pages.
     pub layout: LayoutParams,
-    /// Samples of each texel, 1 to 16: points of its area at which light is gathered, and their mean taken. More smooth the edges of shadows, at
-    /// so many times the rays and 28 bytes a texel each.
+    /// Samples of each texel, 1 to 16: points of its area at which light is gathered, and their mean taken.
+    /// More smooth the edges of shadows, at so many times the rays and 28 bytes a texel each.
     pub samples: u32,
-    /// Whether to keep four coefficients of spherical harmonics of the arriving radiance in place of the irradiance alone, for normal maps.
+    /// Whether to keep four coefficients of spherical harmonics of the arriving radiance in place of the
+    /// irradiance alone, for normal maps.
     pub directional: bool,
     /// The largest irradiance to be expected, W·m⁻²: sets the quantum (see [`FixedPoint::for_peak`]).
     pub peak: f64,
@@ -36,13 +37,14 @@ impl Default for LightmapParams {
     }
 }
 
-/// A lightmap that is changed by [`Update`](crate::Update)s and comes back to the same bits when they are undone. `R` answers rays, one for each version of
-/// the geometry.
+/// A lightmap that is changed by [`Update`](crate::Update)s and comes back to the same bits when they are
+/// undone. `R` answers rays, one for each version of the geometry.
 ///
 /// # Memory
-/// A covered texel takes 12 bytes of place (4, and 8 a sample), 20 a sample in the world, 24 of sums and 12 of the values that readers see: 68 with one sample,
-/// plus 2 for the chunks it is in. Each further sample takes 28, directional maps 108 more. A version of the geometry that is kept shares the
-/// chunks that it has in common with the next.
+/// A covered texel takes 12 bytes of place (4, and 8 a sample), 20 a sample in the world, 24 of sums and 12
+/// of the values that readers see: 68 with one sample, plus 2 for the chunks it is in. Each further sample
+/// takes 28, directional maps 108 more. A version of the geometry that is kept shares the chunks that it has
+/// in common with the next.
 pub struct Lightmap<R> {
     pub(super) layout: Layout,
     pub(super) meshes: Vec<HostMesh>,
@@ -204,7 +206,8 @@ impl<R> Lightmap<R> {
         &self.layout
     }
 
-    /// The light after a whole number of updates. Cheap, and safe to keep and to send to another thread while updates go on.
+    /// The light after a whole number of updates. Cheap, and safe to keep and to send to another thread while
+    /// updates go on.
     pub fn published(&self) -> Arc<Published> {
         Arc::clone(&self.front)
     }
@@ -241,8 +244,9 @@ impl<R> Lightmap<R> {
         self.fixed
     }
 
-    /// Versions of the geometry that are held. Each that isn't the current one holds memory until the last light under it has been updated:
-    /// a host that wants to bound that stops taking edits until there are few.
+    /// Versions of the geometry that are held. Each that isn't the current one holds memory until the last
+    /// light under it has been updated: a host that wants to bound that stops taking edits until there are
+    /// few.
     pub fn versions(&self) -> impl Iterator<Item = GeometryVersion> {
         self.versions.keys().copied()
     }
@@ -272,11 +276,12 @@ impl<R> Lightmap<R> {
         self.sums.iter().flat_map(|chunk| chunk.iter().copied())
     }
 
-    /// Puts saved [`sums`](Self::sums) in place of those that are there, which consist of `contributions`. Their versions are given with
-    /// [`set_geometry`](Self::set_geometry) before, the current one last.
+    /// Puts saved [`sums`](Self::sums) in place of those that are there, which consist of `contributions`.
+    /// Their versions are given with [`set_geometry`](Self::set_geometry) before, the current one last.
     ///
     /// # Errors
-    /// An update under way, a wrong number of sums, a contribution under a version that isn't held. Then nothing has changed.
+    /// An update under way, a wrong number of sums, a contribution under a version that isn't held. Then
+    /// nothing has changed.
     pub fn resume<'a>(
         &mut self,
         sums: &[i64],
@@ -308,7 +313,8 @@ impl<R> Lightmap<R> {
         Ok(())
     }
 
-    /// Memory held by texels, bytes: not that of rays and vertices, nor of published values that a reader keeps.
+    /// Memory held by texels, bytes: not that of rays and vertices, nor of published values that a reader
+    /// keeps.
     pub fn bytes(&self) -> usize {
         let places = size_of_val(&*self.pixels) + size_of_val(&*self.sites) + size_of_val(&*self.chunks);
         let sums: usize = self.sums.iter().map(|chunk| size_of_val(&**chunk) + size_of::<Box<[i64]>>()).sum();

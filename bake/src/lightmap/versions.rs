@@ -1,4 +1,5 @@
-//! States of the geometry: where the texels of a lightmap are in the world, and by what rays they gather, for as long as light in the map names them.
+//! States of the geometry: where the texels of a lightmap are in the world, and by what rays they gather, for
+//! as long as light in the map names them.
 
 use std::sync::Arc;
 
@@ -29,10 +30,12 @@ pub(super) struct Version<R> {
 }
 
 impl<R: LightmapRays> Lightmap<R> {
-    /// Takes a new state of the geometry, under which light is added from now on: rays, and where objects stand (`None`: absent). Receivers are made
-    /// anew for objects that moved and for what the boxes of these touch, before or after; all others are shared with the last version.
+    /// Takes a new state of the geometry, under which light is added from now on: rays, and where objects
+    /// stand (`None`: absent). Receivers are made anew for objects that moved and for what the boxes of these
+    /// touch, before or after; all others are shared with the last version.
     ///
-    /// A version is let go of at the end of an update once nothing in the map was lit under it and another one is current.
+    /// A version is let go of at the end of an update once nothing in the map was lit under it and another
+    /// one is current.
     ///
     /// # Errors
     /// A wrong number of objects, a version that is there already, an update under way.

@@ -26,7 +26,8 @@ pub(super) struct Job {
 pub struct Published {
     /// Updates that it holds.
     pub updates: u64,
-    /// Values by texel: three of irradiance, W·m⁻², or twelve of radiance in spherical harmonics (coefficient by coefficient, RGB each, W·m⁻²·sr⁻¹).
+    /// Values by texel: three of irradiance, W·m⁻², or twelve of radiance in spherical harmonics (coefficient
+    /// by coefficient, RGB each, W·m⁻²·sr⁻¹).
     pub values: Vec<f32>,
 }
 
@@ -70,8 +71,8 @@ impl<R: LightmapRays> Lightmap<R> {
         }
     }
 
-    /// Works on the update under way for as long as `keep_going` says so, asked every few thousand texels; at least that much is done. Readers see the
-    /// update when all of it is done, and nothing of it before.
+    /// Works on the update under way for as long as `keep_going` says so, asked every few thousand texels; at
+    /// least that much is done. Readers see the update when all of it is done, and nothing of it before.
     pub fn work(&mut self, mut keep_going: impl FnMut() -> bool) -> Work {
         let Some(mut job) = self.job.take() else { return Work::Done };
         while job.next < self.chunks.len() {

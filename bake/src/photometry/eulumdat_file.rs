@@ -1,5 +1,5 @@
-//! EULUMDAT: Axel Stockmar's format of 1990, which never became a standard; one value a line, intensities in candela per 1000 lumen of
-//! the lamps.
+//! EULUMDAT: Axel Stockmar's format of 1990, which never became a standard; one value a line, intensities in
+//! candela per 1000 lumen of the lamps.
 
 use crate::IntensityTable;
 
@@ -120,7 +120,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Luminaire, PhotometryError> {
     Ok(Luminaire { name, table, size, lamp_flux })
 }
 
-/// Flux of the first set of lamps, the one that luminaires are sold with; `None` if the file is absolute (a negative number of lamps).
+/// Flux of the first set of lamps, the one that luminaires are sold with; `None` if the file is absolute (a
+/// negative number of lamps).
 fn first_set(lines: &mut Lines, sets: usize) -> Result<Option<f32>, PhotometryError> {
     let lamps = lines.number("the number of lamps")?;
     lines.skip(1); // type
@@ -188,7 +189,8 @@ fn all_planes(symmetry: Symmetry, c: &[f32], line: usize) -> Result<Vec<(f32, us
             let from = |k: usize| c[(3 * n + k) % c.len()];
             let half: Vec<(f32, usize)> =
                 (0..=2 * n).map(|k| (if k < n { from(k) - 360.0 } else { from(k) }, k)).collect();
-            // C and 180 - C are alike: 0 to 90 is the file's own, 90 to 270 its mirror, 270 to 360 its own again.
+            // C and 180 - C are alike: 0 to 90 is the file's own, 90 to 270 its mirror, 270 to 360 its own
+            // again.
             let own = half[n..].iter().copied();
             let mirror = half.iter().rev().skip(1).map(|&(d, i)| (180.0 - d, i));
             let again = half[1..=n].iter().map(|&(d, i)| (360.0 + d, i));

@@ -1,5 +1,5 @@
-//! IES LM-63: "ANSI/IES LM-63-19, Approved Method: IES Standard File Format for the Electronic Transfer of Photometric Data", and its
-//! forerunners since 1986, which differ in the lines above TILT alone.
+//! IES LM-63: "ANSI/IES LM-63-19, Approved Method: IES Standard File Format for the Electronic Transfer of
+//! Photometric Data", and its forerunners since 1986, which differ in the lines above TILT alone.
 
 use crate::IntensityTable;
 

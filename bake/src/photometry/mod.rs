@@ -1,11 +1,13 @@
 //! Photometric files: what a manufacturer measured of a luminaire, as an emission profile.
 //!
-//! [`ies`] reads LM-63 (`.ies`), [`eulumdat`] reads EULUMDAT (`.ldt`), both into an [`IntensityTable`]. Parsers of our own: the crate
-//! that reads both and is kept up is under the AGPL, the other permissive one reads type C alone. They read what is written in
-//! practice, not only what the standards allow, but never guess at numbers: what is missing, broken or absurd is a
-//! [`PhotometryError`] of one line with the line number in the file.
+//! [`ies`] reads LM-63 (`.ies`), [`eulumdat`] reads EULUMDAT (`.ldt`), both into an [`IntensityTable`].
+//! Parsers of our own: the crate that reads both and is kept up is under the AGPL, the other permissive one
+//! reads type C alone. They read what is written in practice, not only what the standards allow, but never
+//! guess at numbers: what is missing, broken or absurd is a [`PhotometryError`] of one line with the line
+//! number in the file.
 //!
-//! Whatever bytes come in, reading ends without a panic, and holds no more than a fixed multiple of the file's own size.
+//! Whatever bytes come in, reading ends without a panic, and holds no more than a fixed multiple of the
+//! file's own size.
 
 mod eulumdat_file;
 mod ies_file;
@@ -26,11 +28,11 @@ pub struct Luminaire {
     pub name: String,
     /// Luminous intensities, absolute: the lamps' flux, multipliers and ballast factors are in them.
     pub table: IntensityTable,
-    /// Length along X, width along Y and height along Z of the luminous opening, metres; zero: a point in that direction. Negative sizes of a
-    /// file, which mean round openings, are given as positive.
+    /// Length along X, width along Y and height along Z of the luminous opening, metres; zero: a point in
+    /// that direction. Negative sizes of a file, which mean round openings, are given as positive.
     pub size: [f32; 3],
-    /// What the file says of its lamps' flux together, lumen; `None` where it gives absolute intensities. For people: the
-    /// table's own [`flux`](IntensityTable::flux) is what is emitted.
+    /// What the file says of its lamps' flux together, lumen; `None` where it gives absolute intensities. For
+    /// people: the table's own [`flux`](IntensityTable::flux) is what is emitted.
     pub lamp_flux: Option<f32>,
 }
 
@@ -63,7 +65,8 @@ impl PhotometryError {
 /// Reads IES LM-63 of 1986, 1991, 1995, 2002 or 2019, photometry of type A, B or C, from a file's bytes.
 ///
 /// Types A and B are resampled to a table of type C, as dense as the file, but no denser than a degree.
-/// `TILT=INCLUDE` is read and applied where its factors are those of a lamp that doesn't tilt (all 1); a file that needs more is refused.
+/// `TILT=INCLUDE` is read and applied where its factors are those of a lamp that doesn't tilt (all 1); a file
+/// that needs more is refused.
 ///
 /// # Errors
 /// [`PhotometryError`] for what is no such file, or one without light.

@@ -1,7 +1,8 @@
 //! Photometry of types A and B, whose poles lie across the beam, as a table of type C.
 //!
-//! Both measure angles H and V from -90° to 90° about a beam along -Z. Type B, most floodlights, turns about the horizontal axis first: H is the
-//! angle out of the plane x = 0, V goes round X. Type A, most vehicle lamps, has them the other way round.
+//! Both measure angles H and V from -90° to 90° about a beam along -Z. Type B, most floodlights, turns about
+//! the horizontal axis first: H is the angle out of the plane x = 0, V goes round X. Type A, most vehicle
+//! lamps, has them the other way round.
 
 use core::f64::consts::FRAC_PI_2;
 

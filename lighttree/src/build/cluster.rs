@@ -1,20 +1,23 @@
 //! Greedy agglomerative clustering, bottom up.
 //!
 //! The metric is that of Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005: two clusters
-//! are as far apart as `I (α² + c² (1 - cos β)²)` of what they would become, with total intensity `I`, box diagonal
-//! `α`, half angle `β` of the cone of normals, and `c` the scene's diagonal where there are oriented lights.
+//! are as far apart as `I (α² + c² (1 - cos β)²)` of what they would become, with total intensity `I`, box
+//! diagonal `α`, half angle `β` of the cone of normals, and `c` the scene's diagonal where there are oriented
+//! lights.
 //!
-//! The way is that of Walter et al., "Fast Agglomerative Clustering for Rendering", 2008: no union is nearer to a third
-//! cluster than the nearer of its parts was, so whenever two clusters are each other's nearest, they can be
-//! joined at once, and a cluster's nearest stays the nearest until it is joined itself. Only then it is sought
-//! again. It is sought as in Meister and Bittner, "Parallel Locally-Ordered Clustering for Bounding Volume Hierarchy
-//! Construction", 2018: among the [`RADIUS`] clusters to either side along a Morton curve.
+//! The way is that of Walter et al., "Fast Agglomerative Clustering for Rendering", 2008: no union is nearer
+//! to a third cluster than the nearer of its parts was, so whenever two clusters are each other's nearest,
+//! they can be joined at once, and a cluster's nearest stays the nearest until it is joined itself. Only then
+//! it is sought again. It is sought as in Meister and Bittner, "Parallel Locally-Ordered Clustering for
+//! Bounding Volume Hierarchy Construction", 2018: among the [`RADIUS`] clusters to either side along a Morton
+//! curve.
 //!
-//! Differs from them: the curve runs through positions and axes, where Walter et al. search a k-d tree. What is near but
-//! far along the curve is missed; in exchange a search costs the same whatever the lights, also where directions
-//! are random and a k-d tree has little to prune by. All searches of a round run in parallel. Equally near clusters
-//! pair up by the lowest exclusive or of their places, so that lights in one place make a balanced tree; should no two
-//! clusters be each other's nearest, since others have come into reach meanwhile, all search again.
+//! Differs from them: the curve runs through positions and axes, where Walter et al. search a k-d tree. What
+//! is near but far along the curve is missed; in exchange a search costs the same whatever the lights, also
+//! where directions are random and a k-d tree has little to prune by. All searches of a round run in
+//! parallel. Equally near clusters pair up by the lowest exclusive or of their places, so that lights in one
+//! place make a balanced tree; should no two clusters be each other's nearest, since others have come into
+//! reach meanwhile, all search again.
 
 use glam::{Vec3, Vec3A};
 
@@ -36,8 +39,8 @@ const RADIUS: usize = 10;
 /// On both.
 const CANDIDATES: usize = 2 * RADIUS;
 
-/// The finished hierarchy: which clusters were joined. Cluster `i` below the number of lights is the light at place
-/// `i`; the others are the unions in the order they were made.
+/// The finished hierarchy: which clusters were joined. Cluster `i` below the number of lights is the light at
+/// place `i`; the others are the unions in the order they were made.
 pub(crate) struct Unions {
     lights: u32,
     parts: Vec<[u32; 2]>,

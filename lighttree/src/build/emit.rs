@@ -1,8 +1,8 @@
 //! From an order of lights to nodes.
 //!
-//! The pair of children of a node is followed by everything below the left child, then by everything below the
-//! right one. With one light to a leaf the place of every node follows from the numbers of lights alone, so
-//! subtrees are written by different threads into parts of one array.
+//! The pair of children of a node is followed by everything below the left child, then by everything below
+//! the right one. With one light to a leaf the place of every node follows from the numbers of lights alone,
+//! so subtrees are written by different threads into parts of one array.
 
 use glam::Vec3;
 
@@ -126,7 +126,8 @@ impl<E: Emitter + Sync, S: Splitter> Context<'_, E, S> {
     }
 }
 
-/// Bounds of an inner node, packed; topology is left to the caller. What building, refitting and checking agree on.
+/// Bounds of an inner node, packed; topology is left to the caller. What building, refitting and checking
+/// agree on.
 pub(crate) fn parent(left: &LightNode, right: &LightNode) -> LightNode {
     LightNode::new(&left.bounds().union(&right.bounds()))
 }

@@ -1,6 +1,7 @@
 //! Object median on the longest axis.
 //!
-//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 5 (their replacement for bottom-up clustering).
+//! Rehfeld and Dachsbacher, "Lightcut Interpolation", 2016, section 5 (their replacement for bottom-up
+//! clustering).
 
 use glam::Vec3;
 

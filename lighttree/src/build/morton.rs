@@ -1,8 +1,8 @@
 //! Lights along a Morton curve.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4. Differs from it: equal keys are ordered by
-//! light id instead of by chance, axes without extent count as one cell instead of dividing by zero, and 21
-//! bits per axis can be had.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4. Differs from it: equal keys are ordered
+//! by light id instead of by chance, axes without extent count as one cell instead of dividing by zero, and
+//! 21 bits per axis can be had.
 
 use glam::Vec3;
 
@@ -95,7 +95,8 @@ fn keyed<E: Emitter + Sync, K: Keyed>(
 ) {
     let scale = Vec3::splat(cells as f32) / (survey.max - survey.min);
     let cell = |center: Vec3| {
-        // No extent: infinite scale, times zero: NaN, which becomes cell 0. The far edge becomes the last cell.
+        // No extent: infinite scale, times zero: NaN, which becomes cell 0. The far edge becomes the last
+        // cell.
         ((center - survey.min) * scale).to_array().map(|c| (c as u32).min(cells - 1))
     };
     if survey.dropped == 0 {

@@ -1,10 +1,10 @@
 //! A stable radix sort whose histograms and scatters run in parallel.
 //!
-//! Few items are sorted by the least significant digit first. Many are dealt into buckets by their topmost digit, so
-//! that all other passes stay in a core's cache; unless most fall into one bucket.
+//! Few items are sorted by the least significant digit first. Many are dealt into buckets by their topmost
+//! digit, so that all other passes stay in a core's cache; unless most fall into one bucket.
 //!
-//! The parallel scatter needs no `unsafe`: the output is cut into one piece per (digit, chunk of the input), and
-//! every chunk owns its pieces.
+//! The parallel scatter needs no `unsafe`: the output is cut into one piece per (digit, chunk of the input),
+//! and every chunk owns its pieces.
 
 use bytemuck::Zeroable;
 
@@ -51,9 +51,9 @@ impl Keyed for (u64, u32) {
 
 /// Sorts by bits `first_bit..first_bit + bits`; equal ones keep their order, and other bits travel along.
 ///
-/// This is the sort that [`PerfectTree::build`](crate::PerfectTree::build) spends much of its time in, for those who
-/// build over Morton codes of their own: code on top, light id below. Takes as much memory again as the keys. In
-/// parallel with feature `parallel`.
+/// This is the sort that [`PerfectTree::build`](crate::PerfectTree::build) spends much of its time in, for
+/// those who build over Morton codes of their own: code on top, light id below. Takes as much memory again as
+/// the keys. In parallel with feature `parallel`.
 ///
 /// # Panics
 /// If there are no such bits: `first_bit + bits` must not exceed 64.
@@ -62,7 +62,8 @@ pub fn sort_keys(keys: &mut Vec<u64>, first_bit: u32, bits: u32) {
     sort(keys, &mut Vec::new(), first_bit, bits);
 }
 
-/// Sorts by bits `first_bit..first_bit + bits` of the key; equal ones keep their order. What `other` holds is overwritten, and the two may change places.
+/// Sorts by bits `first_bit..first_bit + bits` of the key; equal ones keep their order. What `other` holds is
+/// overwritten, and the two may change places.
 pub(crate) fn sort<T: Keyed>(items: &mut Vec<T>, other: &mut Vec<T>, first_bit: u32, bits: u32) {
     if items.len() < 2 {
         return;
@@ -84,7 +85,8 @@ pub(crate) fn sort<T: Keyed>(items: &mut Vec<T>, other: &mut Vec<T>, first_bit: 
 
 /// Sorts into buckets by the topmost bits, then every bucket by the others while it is in one core's cache.
 ///
-/// False, and nothing moved, where most items share a bucket, and one thread would be left with most of the work.
+/// False, and nothing moved, where most items share a bucket, and one thread would be left with most of the
+/// work.
 fn sort_buckets<T: Keyed>(items: &mut Vec<T>, other: &mut Vec<T>, first_bit: u32, bits: u32) -> bool {
     let top = (items.len() / BUCKET).ilog2().min(DIGIT_BITS).min(bits);
     let low = bits - top;

@@ -1,14 +1,15 @@
 //! Binned surface-area-orientation heuristic, top down.
 //!
-//! Conty Estévez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018, section 4.2: of all
-//! splits between equally wide bins of the three axes, take the one that makes
-//! `k_r · Σ intensity · M_A · M_Ω` over both sides the least. `M_A` is the box's area, `M_Ω` the measure of the
-//! directions that the cone emits into, `k_r` the ratio of the longest extent to the split one, against thin slabs.
+//! Conty Estévez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018, section
+//! 4.2: of all splits between equally wide bins of the three axes, take the one that makes
+//! `k_r · Σ intensity · M_A · M_Ω` over both sides the least. `M_A` is the box's area, `M_Ω` the measure of
+//! the directions that the cone emits into, `k_r` the ratio of the longest extent to the split one, against
+//! thin slabs.
 //!
-//! Differs from it: while splits are compared, a cone is the one around the box of the lights' axes, which takes two
-//! minima and maxima a light instead of a cone union (nodes get exact unions afterwards). Axes of two-sided
-//! lights are turned into one hemisphere. Points and lines have no area, and lasers no solid angle: a
-//! thousandth is added, so that what is left still counts. Strength is peak intensity, as everywhere here.
+//! Differs from it: while splits are compared, a cone is the one around the box of the lights' axes, which
+//! takes two minima and maxima a light instead of a cone union (nodes get exact unions afterwards). Axes of
+//! two-sided lights are turned into one hemisphere. Points and lines have no area, and lasers no solid angle:
+//! a thousandth is added, so that what is left still counts. Strength is peak intensity, as everywhere here.
 
 use glam::{Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
 
@@ -203,8 +204,8 @@ fn solid_angle(cos_o: f32, cos_e: f32) -> f32 {
     0.5 * (1.0 - cos_o) + 0.125 * penumbra
 }
 
-/// Cosine of a half angle that holds all normals: around the box of axes, given the squared lengths of its centre and of
-/// half its diagonal, plus the widest of the lights' own.
+/// Cosine of a half angle that holds all normals: around the box of axes, given the squared lengths of its
+/// centre and of half its diagonal, plus the widest of the lights' own.
 #[inline(always)]
 fn cos_theta_o(own: f32, center: f32, half: f32) -> f32 {
     // A unit vector within `half` of the centre has at least this cosine to it.
@@ -355,8 +356,8 @@ fn bin_all(items: &[Light], grid: &Grid) -> Vec<Bin> {
     joined.unwrap_or_default()
 }
 
-/// Adds the costs of the sides of every split between bins that hold something: all right sides, from the last bin on,
-/// then all left ones, from the first. Returns the number of splits.
+/// Adds the costs of the sides of every split between bins that hold something: all right sides, from the
+/// last bin on, then all left ones, from the first. Returns the number of splits.
 fn add_splits(bins: &[Bin], per_length: f32, costs: &mut Costs) -> usize {
     let full = || bins.iter().filter(|bin| bin.count > 0);
     let splits = full().count().saturating_sub(1);

@@ -8,8 +8,8 @@ use super::BuildError;
 use crate::parallel;
 use crate::{Emitter, LightBounds};
 
-/// What a builder has to know of all lights before it starts. Every field is a minimum, a maximum or a count, so the
-/// order of looking does not matter.
+/// What a builder has to know of all lights before it starts. Every field is a minimum, a maximum or a count,
+/// so the order of looking does not matter.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Survey {
     /// Smallest [`half_center`] of the lights that shine.
@@ -107,8 +107,8 @@ impl Survey {
         }
     }
 
-    /// What one unit of a node's intensity stands for: 1, or the smallest power of two with which the sum over all
-    /// lights stays finite in f32.
+    /// What one unit of a node's intensity stands for: 1, or the smallest power of two with which the sum
+    /// over all lights stays finite in f32.
     pub(crate) fn intensity_unit(&self) -> f64 {
         let most = f64::from(self.max_intensity) * self.kept as f64;
         let mut unit = 1.0;

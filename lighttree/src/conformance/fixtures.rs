@@ -5,8 +5,8 @@ use glam::Vec3;
 use crate::rng::Random;
 use crate::{LambertReceiver, LightBounds, Toward, emission_bound};
 
-/// Point lights of very different intensity in the unit cube, in clusters and between them; the same for the same `count`, which is a
-/// prefix of those of a larger one.
+/// Point lights of very different intensity in the unit cube, in clusters and between them; the same for the
+/// same `count`, which is a prefix of those of a larger one.
 pub fn scattered(count: u32) -> Vec<LightBounds> {
     let mut random = Random::new(11, 0, 0);
     let mut point = move || Vec3::new(random.f32(), random.f32(), random.f32());
@@ -24,7 +24,8 @@ pub fn floor_receiver(position: Vec3) -> LambertReceiver {
     LambertReceiver { position, normal: Vec3::new(0.3, 0.2, 1.0).normalize(), albedo: 0.8 }
 }
 
-/// What a light whose box is a point contributes to the receiver: intensity × emission × scattering with its cosine ÷ squared distance.
+/// What a light whose box is a point contributes to the receiver: intensity × emission × scattering with its
+/// cosine ÷ squared distance.
 pub fn point_contribution(light: &LightBounds, receiver: &LambertReceiver) -> f64 {
     let offset = light.min.as_dvec3() - receiver.position.as_dvec3();
     let toward = Toward::new(receiver.position, light.min, light.max);

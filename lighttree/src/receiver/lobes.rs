@@ -10,17 +10,20 @@ use crate::Toward;
 /// Share of a lobe's peak that a node which it may reach counts for at least.
 pub(crate) const LEAST_LOBE: f32 = 1.0 / 64.0;
 
-/// The least |view + light|² that is told from others: rounding to f32 leaves four digits of that sum's square.
+/// The least |view + light|² that is told from others: rounding to f32 leaves four digits of that sum's
+/// square.
 pub(crate) const LEAST_SUM: f32 = 1e-8;
 
 /// About how a surface scatters: a diffuse part, and a lobe around one axis.
 ///
-/// Towards ω it is `diffuse` · n·ω + `peak` · (w² / (w² + (1 - w²) sin² β))² with β the angle of the normal n to the half vector of ω and of the view, which is
-/// `axis` mirrored at n: the shape that GGX has, and at grazing views much narrower sideways than up and down. Nothing below the
-/// horizon. Without a normal β is half the angle of ω to `axis`.
+/// Towards ω it is `diffuse` · n·ω + `peak` · (w² / (w² + (1 - w²) sin² β))² with β the angle of the normal n
+/// to the half vector of ω and of the view, which is `axis` mirrored at n: the shape that GGX has, and at
+/// grazing views much narrower sideways than up and down. Nothing below the horizon. Without a normal β is
+/// half the angle of ω to `axis`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScatterLobes {
-    /// Unit normal; zero means no preferred direction (every cosine counts as 1, and nothing is below a horizon).
+    /// Unit normal; zero means no preferred direction (every cosine counts as 1, and nothing is below a
+    /// horizon).
     pub normal: Vec3,
     /// Diffuse albedo / π, sr⁻¹, at least 0. Not both this and `peak` may be 0 where anything is scattered.
     pub diffuse: f32,
@@ -33,12 +36,14 @@ pub struct ScatterLobes {
 }
 
 impl ScatterLobes {
-    /// Only the diffuse part, of a surface with a normal of any length and this albedo. `None` where f32 has no such number.
+    /// Only the diffuse part, of a surface with a normal of any length and this albedo. `None` where f32 has
+    /// no such number.
     pub fn diffuse(normal: Vec3, albedo: f32) -> Option<Self> {
         Self { normal, diffuse: albedo * FRAC_1_PI, axis: Vec3::ZERO, peak: 0.0, width_squared: 1.0 }.usable()
     }
 
-    /// With a unit normal; `None` where a number is out of its range, or all are so small that products would vanish.
+    /// With a unit normal; `None` where a number is out of its range, or all are so small that products would
+    /// vanish.
     pub(super) fn usable(mut self) -> Option<Self> {
         self.normal = unit(self.normal).as_vec3();
         let strength = self.diffuse.max(self.peak);
@@ -50,13 +55,16 @@ impl ScatterLobes {
         in_range.then_some(self)
     }
 
-    /// About how much of |f · cos θ| there is for light from a box, sr⁻¹: [`Receiver::scatter_importance`](crate::Receiver::scatter_importance) of a receiver that has
-    /// these lobes. Walks ask for the same four nodes at a time, in f32.
+    /// About how much of |f · cos θ| there is for light from a box, sr⁻¹:
+    /// [`Receiver::scatter_importance`](crate::Receiver::scatter_importance) of a receiver that has these
+    /// lobes. Walks ask for the same four nodes at a time, in f32.
     ///
-    /// The diffuse part has the roughly largest cosine. The lobe has the mean over the directions to the box's bounding sphere, about: GGX falls with the angle β between the normal
-    /// and the half vector of view and light, and a sphere seen under the angle u spreads β by u ÷ |view + light|; so the lobe is taken at the
-    /// centre, wider by that and as much lower. Where the mean says little but the lobe may be reached, 1/64 of its peak stays: what is
-    /// rarely drawn is bright. 0 only where all of the box is below the horizon.
+    /// The diffuse part has the roughly largest cosine. The lobe has the mean over the directions to the
+    /// box's bounding sphere, about: GGX falls with the angle β between the normal and the half vector of
+    /// view and light, and a sphere seen under the angle u spreads β by u ÷ |view + light|; so the lobe is
+    /// taken at the centre, wider by that and as much lower. Where the mean says little but the lobe may be
+    /// reached, 1/64 of its peak stays: what is rarely drawn is bright. 0 only where all of the box is below
+    /// the horizon.
     pub fn importance(&self, toward: &Toward) -> f32 {
         let cos = toward.rough_max_cos(self.normal.as_dvec3());
         if cos <= 0.0 {

@@ -52,7 +52,8 @@ impl Receiver for PhongReceiver {
         self.at_cosine(toward, toward.max_cos_f64(unit(self.normal)))
     }
 
-    /// GGX's lobe of the same width, about: α² = 2 / (4n + 2), the microfacets' exponent being four times the lobe's.
+    /// GGX's lobe of the same width, about: α² = 2 / (4n + 2), the microfacets' exponent being four times the
+    /// lobe's.
     fn lobes(&self) -> Option<ScatterLobes> {
         let (normal, view) = (unit(self.normal), unit(self.view));
         if normal == DVec3::ZERO {

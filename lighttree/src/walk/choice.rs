@@ -94,7 +94,8 @@ impl ChildChoice {
 }
 
 impl ChildChoice {
-    /// [`first_probability`](Self::first_probability) of two finite strengths, with scaled lengths; `least` is scaled, too.
+    /// [`first_probability`](Self::first_probability) of two finite strengths, with scaled lengths; `least`
+    /// is scaled, too.
     #[inline(always)]
     pub(super) fn first_of_weighed(self, weighed: &Weighed, least: f64) -> f64 {
         let [a, b] = weighed.strength;

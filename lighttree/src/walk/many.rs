@@ -1,10 +1,10 @@
 //! Many walks at once: all samples of many receivers, level by level.
 //!
-//! The samples of one receiver have stratified first numbers, and a walk is monotone in that number. So those that go the
-//! same way stay together, a range of the sorted numbers: each pair of siblings is weighed once for all of them, and two pairs
-//! stand side by side in the lanes of `walk/pair.rs`. What one walk waits for (a node from memory, a root, a
-//! division) the next ones' work hides. A sample has the light and the probability that a walk alone would have found from
-//! the same number.
+//! The samples of one receiver have stratified first numbers, and a walk is monotone in that number. So those
+//! that go the same way stay together, a range of the sorted numbers: each pair of siblings is weighed once
+//! for all of them, and two pairs stand side by side in the lanes of `walk/pair.rs`. What one walk waits for
+//! (a node from memory, a root, a division) the next ones' work hides. A sample has the light and the
+//! probability that a walk alone would have found from the same number.
 
 use core::hint::black_box;
 use core::ops::Range;
@@ -15,7 +15,8 @@ use super::{TreeSampler, shares};
 use crate::rng::{Decisions, Random, probability, split};
 use crate::{LightBounds, LightHierarchy, LightSample, NodeId, Receiver};
 
-/// The memory of [`TreeSampler::sample_each`] and [`TreeSampler::sample_each_from`], reused from call to call: nothing is allocated once it has grown.
+/// The memory of [`TreeSampler::sample_each`] and [`TreeSampler::sample_each_from`], reused from call to
+/// call: nothing is allocated once it has grown.
 ///
 /// At most about 120 bytes a sample, and 100 a receiver, of the largest call.
 #[derive(Clone, Debug, Default)]
@@ -73,7 +74,8 @@ impl WalkFrom {
         Self { receiver, node, value: first, last: u64::MAX }
     }
 
-    /// With what earlier decisions left of a number. Words that the walk needs beside it are not taken from their stream.
+    /// With what earlier decisions left of a number. Words that the walk needs beside it are not taken from
+    /// their stream.
     pub const fn after(receiver: u32, node: NodeId, decisions: &Decisions) -> Self {
         let (value, last) = decisions.rest();
         Self { receiver, node, value, last }
@@ -84,8 +86,9 @@ impl WalkFrom {
 const AHEAD: usize = 32;
 
 impl<T: LightHierarchy> TreeSampler<'_, T> {
-    /// Reads a little of the nodes that these groups have come to, and forgets it: so many loads in so few instructions that the processor waits for all of them
-    /// at once, where weighing would wait for one pair after the other.
+    /// Reads a little of the nodes that these groups have come to, and forgets it: so many loads in so few
+    /// instructions that the processor waits for all of them at once, where weighing would wait for one pair
+    /// after the other.
     #[inline]
     fn touch(&self, groups: &[Group]) {
         let mut read = 0;
@@ -97,14 +100,16 @@ impl<T: LightHierarchy> TreeSampler<'_, T> {
         black_box(read);
     }
 
-    /// [`sample_below`](Self::sample_below) for many walks together, each from a node and with a number of its own: `out[i]` is what the walk
-    /// `from[i]` found. Returns how many nodes' bounds were looked at.
+    /// [`sample_below`](Self::sample_below) for many walks together, each from a node and with a number of
+    /// its own: `out[i]` is what the walk `from[i]` found. Returns how many nodes' bounds were looked at.
     ///
-    /// Words that walks run out of come from `streams`, one for each receiver, in an order that depends on this receiver's walks alone. Neighbours in `from`
-    /// of the same receiver, node and range of numbers share their weighings; in any order, but sorted ones fastest.
+    /// Words that walks run out of come from `streams`, one for each receiver, in an order that depends on
+    /// this receiver's walks alone. Neighbours in `from` of the same receiver, node and range of numbers
+    /// share their weighings; in any order, but sorted ones fastest.
     ///
     /// # Panics
-    /// If `streams` is not as long as `receivers`, `out` not as long as `from`, or a walk is of a receiver that is not there.
+    /// If `streams` is not as long as `receivers`, `out` not as long as `from`, or a walk is of a receiver
+    /// that is not there.
     pub fn sample_each_from<R: Receiver>(
         &self,
         receivers: &[R],
@@ -126,14 +131,15 @@ impl<T: LightHierarchy> TreeSampler<'_, T> {
         descent.run()
     }
 
-    /// [`sample`](crate::LightSampler::sample) for many samples of many receivers together, at a fraction of its cost. Returns how
-    /// many nodes' bounds were looked at.
+    /// [`sample`](crate::LightSampler::sample) for many samples of many receivers together, at a fraction of
+    /// its cost. Returns how many nodes' bounds were looked at.
     ///
-    /// Row `i` of `out`, all rows of the same length `n`, belongs to `receivers[i]`, and `streams[i]` gives its random numbers:
-    /// first the `n` stratified ones in order, number `k` being `(k + u)/n` for `u` the next 64 bits, and then whatever words the walks run
-    /// out of. So a row does not depend on what else is in the batch, and the caller may go on with the stream. Each sample for itself has the
-    /// distribution of [`sample`](crate::LightSampler::sample), and reports the same probability to the bit; samples
-    /// of one row share the strata.
+    /// Row `i` of `out`, all rows of the same length `n`, belongs to `receivers[i]`, and `streams[i]` gives
+    /// its random numbers: first the `n` stratified ones in order, number `k` being `(k + u)/n` for `u` the
+    /// next 64 bits, and then whatever words the walks run out of. So a row does not depend on what else is
+    /// in the batch, and the caller may go on with the stream. Each sample for itself has the distribution of
+    /// [`sample`](crate::LightSampler::sample), and reports the same probability to the bit; samples of one
+    /// row share the strata.
     ///
     /// # Panics
     /// If `streams` is not as long as `receivers`, or `out` not a multiple of it.
@@ -275,7 +281,8 @@ impl<T: LightHierarchy, R: Receiver> Descent<'_, '_, T, R> {
         self.visited += 2 * groups.len() as u64;
     }
 
-    /// Sends every group on, in order: so words are taken from the streams in an order that other receivers do not change.
+    /// Sends every group on, in order: so words are taken from the streams in an order that other receivers
+    /// do not change.
     fn go(&mut self) {
         for i in 0..self.walks.groups.len() {
             let group = self.walks.groups[i];
@@ -347,7 +354,8 @@ impl<T: LightHierarchy, R: Receiver> Descent<'_, '_, T, R> {
         }
     }
 
-    /// [`Decisions::choose`](crate::rng::Decisions::choose) for a whole group: hands on those for which it is true, and those for which it is not.
+    /// [`Decisions::choose`](crate::rng::Decisions::choose) for a whole group: hands on those for which it is
+    /// true, and those for which it is not.
     #[inline]
     fn divide(&mut self, group: &Group, q: u32, mut each: impl FnMut(&mut Self, Group, bool)) {
         let (whole, part) = split(group.last, q);
@@ -437,8 +445,8 @@ impl<T: LightHierarchy, R: Receiver> Descent<'_, '_, T, R> {
         );
     }
 
-    /// Asks each sample of a group up to `count` questions, `i` being answered by yes with probability `share(i)` in 2^-32s;
-    /// hands on those whose first yes was `i`, and those without any as `count`.
+    /// Asks each sample of a group up to `count` questions, `i` being answered by yes with probability
+    /// `share(i)` in 2^-32s; hands on those whose first yes was `i`, and those without any as `count`.
     fn choose_in_turn(
         &mut self,
         group: &Group,

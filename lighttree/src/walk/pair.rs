@@ -1,17 +1,18 @@
 //! Two pairs of siblings weighed together, in four lanes of f32.
 //!
-//! What [`BoundTerms::importance`](crate::BoundTerms::importance) says with f64 and the smallest angles to a box, this says at a fraction of
-//! the cost, roughly. Differs from it:
-//! - Differences of coordinates are formed as they are (f32 rounds them, but never to a wrong sign, and those of near
-//!   numbers not at all), and then scaled by a power of two that makes the scene as seen from the receiver about 1
-//!   across. So scale changes no bit, and squares have room.
+//! What [`BoundTerms::importance`](crate::BoundTerms::importance) says with f64 and the smallest angles to a
+//! box, this says at a fraction of the cost, roughly. Differs from it:
+//! - Differences of coordinates are formed as they are (f32 rounds them, but never to a wrong sign, and those
+//!   of near numbers not at all), and then scaled by a power of two that makes the scene as seen from the
+//!   receiver about 1 across. So scale changes no bit, and squares have room.
 //! - Angles to a cone or a lobe are those to the bounding sphere of the box (Conty Estévez and Kulla 2018).
 //! - No division but one for all four; cosines stay fractions until then.
 //!
-//! A node is weighed 0 only where it cannot contribute: within the rounding errors of f32 around a horizon the answer
-//! is `None`, and the caller asks in f64.
+//! A node is weighed 0 only where it cannot contribute: within the rounding errors of f32 around a horizon
+//! the answer is `None`, and the caller asks in f64.
 //!
-//! No lane looks at another, so a pair gets the same bits whatever stands beside it: a walk alone gives the same pair twice.
+//! No lane looks at another, so a pair gets the same bits whatever stands beside it: a walk alone gives the
+//! same pair twice.
 
 use glam::{BVec4A, Vec3, Vec4};
 
@@ -45,7 +46,8 @@ pub(super) struct Both {
 /// What decides between two children; lengths are scaled.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Weighed {
-    /// Intensity × emission × scattering, each, up to a factor of both; 0 only for nodes that cannot contribute.
+    /// Intensity × emission × scattering, each, up to a factor of both; 0 only for nodes that cannot
+    /// contribute.
     pub(super) strength: [f64; 2],
     /// Squared distances to the nearest point of each box, but not below the least unless 0.
     pub(super) near_squared: [f32; 2],
@@ -103,8 +105,8 @@ const SMALLEST: f32 = 1e-14;
 const LARGEST: f32 = 1e8;
 
 impl Viewpoint {
-    /// `root` is the box of all lights; squared distances below `least_squared` count as that. `None` where lengths span
-    /// more than f32 does.
+    /// `root` is the box of all lights; squared distances below `least_squared` count as that. `None` where
+    /// lengths span more than f32 does.
     #[inline]
     pub(super) fn new<R: Receiver + ?Sized>(
         receiver: &R,
@@ -269,7 +271,8 @@ impl Lanes {
     }
 }
 
-/// [`Toward::rough_max_cos`](crate::Toward::rough_max_cos) as a fraction: 0 where all of a box is below the horizon, 1/1 for a zero vector.
+/// [`Toward::rough_max_cos`](crate::Toward::rough_max_cos) as a fraction: 0 where all of a box is below the
+/// horizon, 1/1 for a zero vector.
 struct RoughCos {
     height: Vec4,
     distance: Vec4,

@@ -1,4 +1,5 @@
-//! Boxes of lights as the spheres around them, in four lanes of f32: what they emit towards a receiver, and what a lobe gives there.
+//! Boxes of lights as the spheres around them, in four lanes of f32: what they emit towards a receiver, and
+//! what a lobe gives there.
 
 use glam::{BVec4A, Vec4};
 
@@ -22,7 +23,8 @@ impl Sphere {
         Self { center, squared: center.dot_self(), radius_squared }
     }
 
-    /// What each node emits towards the receiver relative to its peak, as a fraction; 0 only if it emits nothing.
+    /// What each node emits towards the receiver relative to its peak, as a fraction; 0 only if it emits
+    /// nothing.
     #[inline]
     pub(super) fn emission(
         &self,
@@ -35,8 +37,8 @@ impl Sphere {
         let along = Vec4::select(two_sided, along.abs(), along);
         let sin = ((Vec4::ONE - cos) * (Vec4::ONE + cos)).max(Vec4::ZERO).sqrt();
 
-        // cos max(0, θ - φ) and sin(θ - φ) for the angle θ with cosine `along` / distance and φ the sphere's own plus that of
-        // the cone: as fractions of `self.squared`.
+        // cos max(0, θ - φ) and sin(θ - φ) for the angle θ with cosine `along` / distance and φ the sphere's
+        // own plus that of the cone: as fractions of `self.squared`.
         let aside = (self.squared - along * along).max(Vec4::ZERO).sqrt();
         let (cos_u, sin_u) =
             ((self.squared - self.radius_squared).max(Vec4::ZERO).sqrt(), self.radius_squared.sqrt());
@@ -48,18 +50,21 @@ impl Sphere {
 
         let everywhere = cos.cmple(Vec4::NEG_ONE) | two_sided & cos.cmple(Vec4::ZERO);
         let full = within | everywhere;
-        // Square roots near 0 are wrong by up to 1e-3 each, as angles; what is wrong by rounding alone is less than 2e-6.
+        // Square roots near 0 are wrong by up to 1e-3 each, as angles; what is wrong by rounding alone is
+        // less than 2e-6.
         let sure = outside + 2e-3 * beyond.abs() + 2e-6 * self.squared;
         let dead = sure.cmplt(cos_theta_e * self.squared);
         let some = Vec4::select(dead, Vec4::ZERO, outside.max(1e-4 * self.squared));
         (Vec4::select(full, Vec4::ONE, some), Vec4::select(full, Vec4::ONE, self.squared))
     }
 
-    /// What a lobe gives in the mean over the directions to the sphere, about, relative to its peak: [`ScatterLobes::importance`](crate::ScatterLobes::importance) says how.
+    /// What a lobe gives in the mean over the directions to the sphere, about, relative to its peak:
+    /// [`ScatterLobes::importance`](crate::ScatterLobes::importance) says how.
     ///
-    /// GGX falls with the angle β between the normal and the half vector: (w² / (w² + (1 - w²) sin² β))². Around a grazing view
-    /// that is much narrower sideways than the lobe is as seen from above, so the angle to the mirrored view will not do: it made nodes
-    /// beside the lobe count more than ten times what they give.
+    /// GGX falls with the angle β between the normal and the half vector: (w² / (w² + (1 - w²) sin² β))².
+    /// Around a grazing view that is much narrower sideways than the lobe is as seen from above, so the angle
+    /// to the mirrored view will not do: it made nodes beside the lobe count more than ten times what they
+    /// give.
     #[inline]
     pub(super) fn lobe(&self, normal: Lanes, axis: Lanes, width_squared: Vec4) -> Vec4 {
         // No nearer than half the diagonal / √2.
@@ -67,8 +72,9 @@ impl Sphere {
         let inverse = squared.sqrt().recip();
         let none = normal.x.cmpeq(Vec4::ZERO) & normal.y.cmpeq(Vec4::ZERO) & normal.z.cmpeq(Vec4::ZERO);
 
-        // n × (view + light) is n × (light - axis), since the axis is the view mirrored; and the sum's height above the horizon is that of both. No
-        // difference of near numbers but those of directions: 1 - cos² would leave nothing of a narrow lobe.
+        // n × (view + light) is n × (light - axis), since the axis is the view mirrored; and the sum's height
+        // above the horizon is that of both. No difference of near numbers but those of directions: 1 - cos²
+        // would leave nothing of a narrow lobe.
         let light =
             Lanes { x: self.center.x * inverse, y: self.center.y * inverse, z: self.center.z * inverse };
         let aside_squared = normal.cross(light.with(axis, |light, axis| light - axis)).dot_self();
@@ -86,11 +92,12 @@ impl Sphere {
         (width_squared / width * fall * fall).max(LEAST_LOBE * self.fall(axis, width_squared))
     }
 
-    /// How far a lobe of squared width w² around `axis` has fallen at the direction of the sphere that is nearest to it, relative to
-    /// its peak: (w² / (w² + (1 - w²) sin²(ψ/2)))².
+    /// How far a lobe of squared width w² around `axis` has fallen at the direction of the sphere that is
+    /// nearest to it, relative to its peak: (w² / (w² + (1 - w²) sin²(ψ/2)))².
     #[inline]
     fn fall(&self, axis: Lanes, width_squared: Vec4) -> Vec4 {
-        // cos ψ = cos max(0, θ - u) as a fraction of `self.squared`; θ ≤ u if and only if cos² θ ≥ cos² u, on the axis' side.
+        // cos ψ = cos max(0, θ - u) as a fraction of `self.squared`; θ ≤ u if and only if cos² θ ≥ cos² u, on
+        // the axis' side.
         let along = self.center.dot(axis);
         let cos_u_squared = (self.squared - self.radius_squared).max(Vec4::ZERO);
         let aside_squared = (self.squared - along * along).max(Vec4::ZERO);
@@ -166,7 +173,8 @@ mod tests {
         (light.dot(surface.normal.as_dvec3()) > 1e-3).then_some(light)
     }
 
-    /// A point is weighed by the lobe itself, to as many digits as f32 leaves of the angle, however narrow the lobe: 1 - cos² would lose all.
+    /// A point is weighed by the lobe itself, to as many digits as f32 leaves of the angle, however narrow
+    /// the lobe: 1 - cos² would lose all.
     #[test]
     fn points_are_weighed_by_the_lobe_of_the_half_vector() {
         let mut random = Random::new(31, 0, 0);
@@ -188,7 +196,8 @@ mod tests {
         }
     }
 
-    /// A box is weighed about by the mean of the lobe over the directions to its sphere: see the bounds for how about.
+    /// A box is weighed about by the mean of the lobe over the directions to its sphere: see the bounds for
+    /// how about.
     #[test]
     fn spheres_are_weighed_by_about_the_mean_of_the_lobe() {
         let mut random = Random::new(32, 0, 0);

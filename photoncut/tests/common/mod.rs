@@ -47,7 +47,8 @@ pub(crate) fn wall_point(random: &mut Random) -> (Vec3, Vec3) {
     (place, normal)
 }
 
-/// Photons of a furnace: all walls emit radiance 1 and reflect `albedo`, a channel each. About `count` arrivals.
+/// Photons of a furnace: all walls emit radiance 1 and reflect `albedo`, a channel each. About `count`
+/// arrivals.
 pub(crate) fn furnace(albedo: Vec3, count: usize, seed: u32) -> Vec<Photon> {
     let mean = albedo.element_sum() / 3.0;
     let paths = (count as f32 * (1.0 - mean)).max(1.0) as u32;

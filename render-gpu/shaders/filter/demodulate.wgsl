@@ -18,7 +18,8 @@ struct Counting {
 @group(0) @binding(5) var<storage, read_write> state: Counting;
 @group(0) @binding(6) var<storage, read_write> signal: array<vec4f>;
 
-// The mean of the finite values within two pixels of a hole on the same object, or else of any surface; 0 without any.
+// The mean of the finite values within two pixels of a hole on the same object, or else of any surface; 0
+// without any.
 fn from_neighbours(at: vec2i, mesh: u32) -> vec3f {
     let size = vec2i(i32(svgf.width), i32(svgf.height));
     for (var same = 1; same >= 0; same--) {

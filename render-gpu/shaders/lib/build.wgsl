@@ -1,8 +1,9 @@
 // What the kernels that build a tree share: where things are in its memory while it is built.
 //
-// All of it lies in the buffer of the nodes. Sorting keeps two sets of ids and keys where inner nodes will be, A and B in turn, and the table of
-// digits after them; the last pass leaves the ids at the very start, where no leaf is written, and once the leaves are written
-// the inner nodes may be. So a tree takes no memory besides its own.
+// All of it lies in the buffer of the nodes. Sorting keeps two sets of ids and keys where inner nodes will
+// be, A and B in turn, and the table of digits after them; the last pass leaves the ids at the very start,
+// where no leaf is written, and once the leaves are written the inner nodes may be. So a tree takes no memory
+// besides its own.
 
 struct BuildParams {
     // Lights in the buffer.
@@ -39,7 +40,8 @@ const BLOCK: u32 = 1024u;
 // The key of a light that is left out.
 const LEFT_OUT: u32 = 0xffffffffu;
 
-// The table of digits, after both sets: a row of blocks for each digit, then the number of all keys of each digit.
+// The table of digits, after both sets: a row of blocks for each digit, then the number of all keys of each
+// digit.
 fn table(params: BuildParams, digit: u32, block: u32) -> u32 {
     return 4u * params.stride + digit * params.blocks + block;
 }

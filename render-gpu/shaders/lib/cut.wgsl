@@ -1,6 +1,7 @@
 // Twin of stochastic/src/cut.rs and stochastic/src/subtrees.rs: a cut of at most so many nodes, worst first, and one light or a few from each.
 //
-// Differs from them: no heap, but a search through the list, which is short; and so the list is left to right from the start.
+// Differs from them: no heap, but a search through the list, which is short; and so the list is left to right
+// from the start.
 
 // As in the code that Lin and Yuksel published.
 const MOST_NODES: u32 = 32u;
@@ -9,7 +10,8 @@ var<private> cut_nodes: array<u32, MOST_NODES>;
 var<private> cut_errors: array<f32, MOST_NODES>;
 var<private> cut_length: u32;
 
-// What a node of the cut may get wrong, relative to the intensity of all lights: 0 for leaves, and for what contributes nothing.
+// What a node of the cut may get wrong, relative to the intensity of all lights: 0 for leaves, and for what
+// contributes nothing.
 fn node_error(view: View, receiver: Receiver, id: u32, floor_squared: f32) -> f32 {
     if (depth_of(id) == header.depth) {
         return 0.0;

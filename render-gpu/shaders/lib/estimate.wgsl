@@ -136,8 +136,8 @@ fn node_weight(eye: Eye, node: NodeRecord) -> f32 {
     if (!(scattered > 0.0)) {
         return 0.0;
     }
-    // Of lights whose directions are not known the reference takes the mean over all normals, whose cosine profile reaches as far as the box is
-    // high along its own axis, z.
+    // Of lights whose directions are not known the reference takes the mean over all normals, whose cosine
+    // profile reaches as far as the box is high along its own axis, z.
     let emitted = clamp(0.25 * (node.half.z + spread + sqrt(squared)) * inverse, 1e-3, 1.0);
     // Never so much that a sum of them is beyond f32.
     return clamp(node.intensity * emitted * scattered * inverse * inverse, LEAST, 1e35);

@@ -3,7 +3,8 @@
 // What rounding may move a point by, of the sum of all magnitudes that go into it, and then some.
 const PLACING_ERROR: f32 = 4.7683716e-7;
 
-// The box around the transformed box. The strength of an instance is the same for all its nodes and is left to those who compare instances.
+// The box around the transformed box. The strength of an instance is the same for all its nodes and is left
+// to those who compare instances.
 fn in_world(instance: LightInstance, node: PerfectNode) -> PerfectNode {
     let center = 0.5 * node.min + 0.5 * node.max;
     let half = 0.5 * node.max - 0.5 * node.min;

@@ -20,8 +20,8 @@ fn exclusion(light: LightRecord) -> u32 {
     return select(0u, 1u, (bits & 0x7fffffffu) == 0u);
 }
 
-// A quarter of a number, by its exponent where it is large enough. As a product a compiler may take 0.25 · a + 0.25 · b together, and their sum
-// overflow.
+// A quarter of a number, by its exponent where it is large enough. As a product a compiler may take 0.25 · a +
+// 0.25 · b together, and their sum overflow.
 fn quarter(x: f32) -> f32 {
     let bits = bitcast<u32>(x);
     if (((bits >> 23u) & 0xffu) < 3u) {

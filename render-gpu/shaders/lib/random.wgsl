@@ -110,7 +110,8 @@ fn probability_of(quantized: u32) -> f32 {
     return f32(quantized) * (1.0 / 4294967296.0);
 }
 
-// A product of probabilities: `value` · 2^(-40 · `scale`), so that it does not vanish on the way down a deep tree.
+// A product of probabilities: `value` · 2^(-40 · `scale`), so that it does not vanish on the way down a deep
+// tree.
 struct Probability {
     value: f32,
     scale: i32,

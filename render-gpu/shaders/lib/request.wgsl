@@ -24,7 +24,8 @@ struct DrawParams {
     // Of distributions: whether anything is learned, and the share of draws that does not go by it.
     learn: u32,
     defensive: f32,
-    // Of guarded shared cuts: least cosine between normals, where the camera is, and largest distances in depths.
+    // Of guarded shared cuts: least cosine between normals, where the camera is, and largest distances in
+    // depths.
     guard: u32,
     min_normal_cos: f32,
     eye: vec3f,
@@ -35,8 +36,8 @@ struct DrawParams {
     spare2: u32,
 }
 
-// What an entry is to be learned by: the place of its node in the cut (NONE if none was drawn), and 1 ÷ (probability below it × the
-// node's weight), 0 if no light was.
+// What an entry is to be learned by: the place of its node in the cut (NONE if none was drawn), and 1 ÷
+// (probability below it × the node's weight), 0 if no light was.
 struct NodeTag {
     node: u32,
     scale: f32,

@@ -45,8 +45,9 @@ fn toward(view: View, low: vec3f, high: vec3f) -> Toward {
 // Relative error of a height above a plane, and then some.
 const HEIGHT_ERROR: f32 = 4.7683716e-7;
 
-// About the largest cosine to the unit vector `normal` of directions into the box, as if the box were as high as its highest point and as far aside as its
-// nearest; 0 only where all of it is below the horizon for sure. 1 for a zero vector.
+// About the largest cosine to the unit vector `normal` of directions into the box, as if the box were as high
+// as its highest point and as far aside as its nearest; 0 only where all of it is below the horizon for sure.
+// 1 for a zero vector.
 fn toward_cos(box: Toward, normal: vec3f) -> f32 {
     if (all(normal == vec3f(0.0))) {
         return 1.0;
@@ -67,8 +68,8 @@ fn toward_cos(box: Toward, normal: vec3f) -> f32 {
     return up / sqrt(squared);
 }
 
-// How far a lobe of squared width w² around `axis` has fallen at the direction into the box's bounding sphere that is nearest to
-// it, relative to its peak: (w² / (w² + (1 - w²) sin²(ψ/2)))².
+// How far a lobe of squared width w² around `axis` has fallen at the direction into the box's bounding sphere
+// that is nearest to it, relative to its peak: (w² / (w² + (1 - w²) sin²(ψ/2)))².
 fn toward_fall(box: Toward, axis: vec3f, width_squared: f32) -> f32 {
     // All lengths doubled.
     let center = box.low + box.high;
@@ -93,8 +94,9 @@ const LEAST_LOBE: f32 = 0.015625;
 // The least |view + light|² that is told from others.
 const LEAST_SUM: f32 = 1e-8;
 
-// What a GGX lobe of squared width w² gives in the mean over the directions to the box, about, relative to its peak: by the half vector of view and
-// light at the box's centre, wider by the angle under which its sphere is seen and as much lower. `axis` is the view mirrored at `normal`.
+// What a GGX lobe of squared width w² gives in the mean over the directions to the box, about, relative to
+// its peak: by the half vector of view and light at the box's centre, wider by the angle under which its
+// sphere is seen and as much lower. `axis` is the view mirrored at `normal`.
 fn toward_lobe(box: Toward, normal: vec3f, axis: vec3f, width_squared: f32) -> f32 {
     // All lengths doubled.
     let center = box.low + box.high;
@@ -109,7 +111,8 @@ fn toward_lobe(box: Toward, normal: vec3f, axis: vec3f, width_squared: f32) -> f
     var sin_squared = 0.25 * dot(off, off);
     var sum_squared = 4.0;
     if (any(normal != vec3f(0.0))) {
-        // n × (view + light) is n × (light - axis), since the axis is the view mirrored. 1 - cos² would leave nothing of a narrow lobe.
+        // n × (view + light) is n × (light - axis), since the axis is the view mirrored. 1 - cos² would leave
+        // nothing of a narrow lobe.
         let aside = cross(normal, off);
         let aside_squared = dot(aside, aside);
         let height = max(dot(center, normal) * inverse, 0.0) + dot(axis, normal);

@@ -1,8 +1,8 @@
 // Lights of a tree that has two levels: a leaf is an instance, which has its mesh's tree below it, whose nodes are taken to world space where a walk
 // meets them.
 //
-// Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4. The reference is a walk of `lighttree::TreeSampler` over both levels as one tree in
-// world space.
+// Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 4. The reference is a walk of
+// `lighttree::TreeSampler` over both levels as one tree in world space.
 
 // One light from what is below a node of the tree over the instances.
 fn draw_light(node: u32, view: View, receiver: Receiver, decisions: ptr<function, Decisions>) -> Drawn {

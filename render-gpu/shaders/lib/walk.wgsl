@@ -62,8 +62,8 @@ fn fraction(a: f32, b: f32) -> f32 {
     return select(0.5, a / sum, sum > 0.0);
 }
 
-// Probability of the first of two that may both contribute. Strengths are relative to the larger of each factor, so that no product is beyond f32;
-// one that vanishes has the floor.
+// Probability of the first of two that may both contribute. Strengths are relative to the larger of each
+// factor, so that no product is beyond f32; one that vanishes has the floor.
 fn first_probability(a: Weighed, b: Weighed, least_squared: f32) -> f32 {
     let most = max(a.intensity, b.intensity);
     let highest = max(a.scatter, b.scatter);
@@ -88,7 +88,8 @@ fn first_probability(a: Weighed, b: Weighed, least_squared: f32) -> f32 {
     return near;
 }
 
-// What can become of two children: neither contributes, only one does, or the first with probability q / 2^32.
+// What can become of two children: neither contributes, only one does, or the first with probability q /
+// 2^32.
 struct Fork {
     kind: u32,
     q: u32,
@@ -113,7 +114,8 @@ fn fork_between(view: View, receiver: Receiver, first: PerfectNode, second: Perf
     return Fork(EITHER, quantized(first_probability(a, b, view.least_squared), FLOOR));
 }
 
-// Where a walk goes at a fork that is not dead: whether to the second, with `pmf` multiplied by the probability of that.
+// Where a walk goes at a fork that is not dead: whether to the second, with `pmf` multiplied by the
+// probability of that.
 fn goes_second(fork: Fork, random: ptr<function, Decisions>, pmf: ptr<function, Probability>) -> bool {
     if (fork.kind != EITHER) {
         return fork.kind == ONLY_SECOND;
@@ -176,7 +178,8 @@ fn slot_of(light: u32) -> u32 {
     return select(low, high, (late % 8u) >= 4u)[late % 4u];
 }
 
-// Probability with which `draw_below` draws the light of a slot, within the subtree; 0 for one that is not there.
+// Probability with which `draw_below` draws the light of a slot, within the subtree; 0 for one that is not
+// there.
 fn pmf_below(node: u32, view: View, receiver: Receiver, slot: u32) -> Probability {
     var depth = depth_of(node);
     var pmf = Probability(1.0, 0);

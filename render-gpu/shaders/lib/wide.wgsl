@@ -39,7 +39,8 @@ struct Quotient {
     remainder: u32,
 }
 
-// (carry · 2^64 + a) / b, for carry < b < 2^16: long division in digits of 16 bits. The quotient fits, because of the carry.
+// (carry · 2^64 + a) / b, for carry < b < 2^16: long division in digits of 16 bits. The quotient fits,
+// because of the carry.
 fn wide_divide(carry: u32, a: vec2u, b: u32) -> Quotient {
     var digits = vec4u(a.x >> 16u, a.x & 0xffffu, a.y >> 16u, a.y & 0xffffu);
     var rest = carry;

@@ -1,10 +1,12 @@
 // Rays against a tree of 4-wide quantised nodes. Twin of scene/src/rays: the same triangle test, operation for operation.
 //
-// `one_level.wgsl` or `two_level.wgsl` comes after this file. The whole face of both is `trace_closest` and `trace_occluded`: a host with hardware ray
-// queries puts its own two functions, and what they bind in group 1, in their place.
+// `one_level.wgsl` or `two_level.wgsl` comes after this file. The whole face of both is `trace_closest` and
+// `trace_occluded`: a host with hardware ray queries puts its own two functions, and what they bind in group
+// 1, in their place.
 //
-// Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013; nodes after Ylitie, Karras, Laine, "Efficient Incoherent Ray
-// Traversal on GPUs Through Compressed Wide BVHs", HPG 2017, with four children and full links instead of eight.
+// Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013; nodes after Ylitie, Karras,
+// Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017, with four
+// children and full links instead of eight.
 
 struct RayTree {
     // Power of two that brings the world's coordinates into the tree's, and its exponent.
@@ -48,11 +50,13 @@ struct RayTriangle {
 // A link is the index of a node, or LEAF | (count - 1) << 28 | index of the first of them.
 const LEAF: u32 = 0x80000000u;
 const NO_CHILD: u32 = 0xffffffffu;
-// Links that wait. An upload proves that no traversal needs more; the next link goes through the stack, too, and one that is not hit may lie above it.
+// Links that wait. An upload proves that no traversal needs more; the next link goes through the stack, too,
+// and one that is not hit may lie above it.
 const STACK: u32 = 64u;
 // In place of infinity, which WGSL need not know.
 const FAR: f32 = 3.0e38;
-// How far slabs are padded, in units of 2^-23 of the largest coordinate: twice the CPU's, for quotients of 2.5 ulp.
+// How far slabs are padded, in units of 2^-23 of the largest coordinate: twice the CPU's, for quotients of
+// 2.5 ulp.
 const PADDING: f32 = 16.0 * 1.1920929e-7;
 
 struct Traced {
@@ -132,8 +136,9 @@ fn bytes(word: u32) -> vec4f {
     );
 }
 
-// Twice the signed area that two projected corners span with the ray. The ends are put in an order of their own first: the triangle on the
-// other side of the edge then gets exactly the opposite, also where a driver fuses one of the products.
+// Twice the signed area that two projected corners span with the ray. The ends are put in an order of their
+// own first: the triangle on the other side of the edge then gets exactly the opposite, also where a driver
+// fuses one of the products.
 fn edge(p: vec2f, q: vec2f) -> f32 {
     let swap = p.x > q.x || (p.x == q.x && p.y > q.y);
     let a = select(p, q, swap);
@@ -142,7 +147,8 @@ fn edge(p: vec2f, q: vec2f) -> f32 {
     return select(area, -area, swap);
 }
 
-// t and the weights of the second and third corner; t is -1 for a miss. The ends of edges belong to the triangle.
+// t and the weights of the second and third corner; t is -1 for a miss. The ends of edges belong to the
+// triangle.
 fn triangle(index: u32, ray: Traced) -> vec3f {
     let a = dominant_last(ray_triangles[index].a - ray.origin, ray.axis);
     let b = dominant_last(ray_triangles[index].b - ray.origin, ray.axis);
@@ -209,7 +215,8 @@ fn any_below(root: u32, ray: Traced, t_max: f32) -> bool {
     return false;
 }
 
-// The nearest of what is below `root` and of `best`; ties to the lowest primitive. Distances in the unit of `ray`.
+// The nearest of what is below `root` and of `best`; ties to the lowest primitive. Distances in the unit of
+// `ray`.
 fn nearest_below(root: u32, ray: Traced, first_primitive: u32, best_so_far: Hit) -> Hit {
     var stack: array<u32, STACK + 2u>;
     var best = best_so_far;

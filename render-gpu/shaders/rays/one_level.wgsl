@@ -1,7 +1,7 @@
 // Rays against one mesh in world space.
 //
-// A file of its own, since software runs what a branch skips: with the tree over instances in the same kernel, Mesa's takes twice as long for a shadow
-// ray.
+// A file of its own, since software runs what a branch skips: with the tree over instances in the same
+// kernel, Mesa's takes twice as long for a shadow ray.
 
 // The nearest hit at 0 < t < t_max, ties to the lowest primitive; `primitive` is NO_HIT without one.
 fn trace_closest(origin: vec3f, direction: vec3f, t_max: f32) -> Hit {

@@ -1,6 +1,7 @@
 // Twin of `Light::point_by_area` and `LightPoint::intensity_toward` in scene/src/light. Needs records.wgsl.
 //
-// Differs from there: points on triangles are drawn by area however near they are, and emission has no texture.
+// Differs from there: points on triangles are drawn by area however near they are, and emission has no
+// texture.
 
 struct EmitterPoint {
     position: vec3f,

@@ -248,7 +248,8 @@ pub struct Svgf {
 }
 
 impl Svgf {
-    /// Device memory per pixel beside the inputs, bytes: guides and history for two frames, two signals, a plane, and the picture.
+    /// Device memory per pixel beside the inputs, bytes: guides and history for two frames, two signals, a
+    /// plane, and the picture.
     pub const BYTES_PER_PIXEL: usize = 2 * 32 + 2 * 32 + 2 * 16 + 4 + 16;
 
     /// A filter over these inputs that has seen no frame.
@@ -299,7 +300,8 @@ impl Svgf {
         })
     }
 
-    /// Records the next frame; its picture is [`output`](Self::output) then. The parameters go with `queue`'s next submission.
+    /// Records the next frame; its picture is [`output`](Self::output) then. The parameters go with `queue`'s
+    /// next submission.
     pub fn encode(&mut self, queue: &wgpu::Queue, encoder: &mut CommandEncoder) {
         for (level, uniform) in self.uniforms.iter().enumerate() {
             queue.write_buffer(uniform, 0, bytemuck::bytes_of(&self.uniform(level)));

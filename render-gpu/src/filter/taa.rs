@@ -153,7 +153,8 @@ impl Taa {
         })
     }
 
-    /// Records the next frame; its picture is [`output`](Self::output) then. The parameters go with `queue`'s next submission.
+    /// Records the next frame; its picture is [`output`](Self::output) then. The parameters go with `queue`'s
+    /// next submission.
     pub fn encode(&mut self, queue: &wgpu::Queue, encoder: &mut CommandEncoder) {
         let (clip, gamma) = match self.params.clip {
             Clip::Extremes => (0, 0.0),

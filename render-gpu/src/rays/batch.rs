@@ -119,7 +119,8 @@ impl DeviceRays {
         Ok(Self { gpu: gpu.clone(), kernels, geometry, times, asked: None })
     }
 
-    /// Seconds that the kernel took in the last dispatch, by the device's clock; `None` without one, or before.
+    /// Seconds that the kernel took in the last dispatch, by the device's clock; `None` without one, or
+    /// before.
     pub fn kernel_seconds(&self) -> Option<f64> {
         let spans = self.times.seconds(&self.gpu).ok()?;
         spans.first().map(|&(_, seconds)| seconds)

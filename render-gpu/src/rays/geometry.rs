@@ -5,10 +5,11 @@ use core::fmt;
 
 use glam::{Affine3A, Vec3};
 
-/// A node of a host's binary tree, 32 bytes: exactly `obvhs`' `Bvh2Node` with its feature `small_bvh2_node`, so that
-/// its nodes can be cast.
+/// A node of a host's binary tree, 32 bytes: exactly `obvhs`' `Bvh2Node` with its feature `small_bvh2_node`,
+/// so that its nodes can be cast.
 ///
-/// Only the topology is taken from it. Boxes are found from the triangles anew, exactly, so a box that is too small or too large loses no ray.
+/// Only the topology is taken from it. Boxes are found from the triangles anew, exactly, so a box that is too
+/// small or too large loses no ray.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct BinaryNode {
@@ -56,8 +57,8 @@ pub struct InstanceGeometry {
 pub struct Geometry<'a> {
     /// Each stored once, however often it is placed.
     pub meshes: &'a [MeshGeometry<'a>],
-    /// `None`: there is one mesh, in world space, and its triangles are the primitives. Otherwise the instances and
-    /// a tree over them.
+    /// `None`: there is one mesh, in world space, and its triangles are the primitives. Otherwise the
+    /// instances and a tree over them.
     pub instances: Option<(&'a [InstanceGeometry], BinaryTree<'a>)>,
 }
 

@@ -1,4 +1,5 @@
-//! From a host's binary trees to what is uploaded: 4-wide nodes with quantised boxes, triangles in the order of the leaves.
+//! From a host's binary trees to what is uploaded: 4-wide nodes with quantised boxes, triangles in the order
+//! of the leaves.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -216,7 +217,8 @@ struct PackedMesh {
 }
 
 impl Binary {
-    /// Checks a host's tree and puts it in order; balances it where a traversal would need more than `stack` links.
+    /// Checks a host's tree and puts it in order; balances it where a traversal would need more than `stack`
+    /// links.
     fn new(
         mesh: Option<usize>,
         tree: &BinaryTree<'_>,
@@ -432,7 +434,8 @@ impl WideNode {
             let step = f64::from(power_of_two(exponent));
             node.exponents |= ((exponent + 127) as u32) << (8 * axis);
             for (k, bounds) in boxes.iter().enumerate() {
-                // What isn't there is never entered: its low end is beyond its high one on every axis, by more than padding.
+                // What isn't there is never entered: its low end is beyond its high one on every axis, by
+                // more than padding.
                 let (low, high) = bounds.map_or((255, 0), |b| {
                     let low = ((f64::from(b.min[axis]) - origin) / step).floor();
                     let high = ((f64::from(b.max[axis]) - origin) / step).ceil();

@@ -95,8 +95,8 @@ pub struct RayTree {
 
 /// `WideNode` in WGSL: four boxes in 64 bytes, corners as bytes on a grid of the node's own.
 ///
-/// Differs from Ylitie, Karras and Laine 2017: four children instead of eight, with a whole link each, so that a hit child needs no
-/// sum of bits to be found.
+/// Differs from Ylitie, Karras and Laine 2017: four children instead of eight, with a whole link each, so
+/// that a hit child needs no sum of bits to be found.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct WideNode {
@@ -116,7 +116,8 @@ pub struct WideNode {
     pub spare1: u32,
 }
 
-/// Set in a link to a leaf, with the number of primitives less one in the three bits below and the first of them in the rest.
+/// Set in a link to a leaf, with the number of primitives less one in the three bits below and the first of
+/// them in the rest.
 pub const LEAF: u32 = 1 << 31;
 
 /// The link of a child that isn't there.

@@ -8,7 +8,8 @@ use std::sync::LazyLock;
 
 use render_gpu::{Gpu, GpuError};
 
-/// Set where a missing adapter is a failure, as in CI; elsewhere tests that need one say on stderr that they are skipped.
+/// Set where a missing adapter is a failure, as in CI; elsewhere tests that need one say on stderr that they
+/// are skipped.
 pub const REQUIRED: &str = "LIGHTTREE_REQUIRE_GPU";
 
 static GPU: LazyLock<Result<Gpu, GpuError>> = LazyLock::new(Gpu::request);

@@ -57,8 +57,8 @@ pub fn device_tree(gpu: &Gpu, lights: &[LightBounds]) -> DeviceTree {
     tree
 }
 
-/// How many entries hold other lights, or the same in another subtree; an error where there is no cut, and the weights of a light differ by more than
-/// rounding.
+/// How many entries hold other lights, or the same in another subtree; an error where there is no cut, and
+/// the weights of a light differ by more than rounding.
 pub fn ties(ours: &[WeightedLight], theirs: &[WeightedLight], is_cut: bool) -> Result<usize, String> {
     assert_eq!(ours.len(), theirs.len());
     let mut ties = 0;

@@ -8,8 +8,9 @@ use scene::{Instance, Mesh, RayPath, RayScratch, Scene, SceneRays};
 
 const SCALES: [f32; 5] = [1e-12, 1e-6, 1.0, 1e6, 1e12];
 
-/// Prints, for spheres of each scale away from the origin, how many of `count` rays in all from inside, aimed at vertices, edges and
-/// faces in turn, any query of either path lets out. Every ray is asked as a nearest hit, a segment and one of a bundle.
+/// Prints, for spheres of each scale away from the origin, how many of `count` rays in all from inside, aimed
+/// at vertices, edges and faces in turn, any query of either path lets out. Every ray is asked as a nearest
+/// hit, a segment and one of a bundle.
 pub(crate) fn print(count: usize) {
     let each = count.div_ceil(SCALES.len());
     for path in [RayPath::detect(), RayPath::Portable] {

@@ -4,11 +4,12 @@
 //! cargo bench -p scene --bench rays
 //! ```
 //!
-//! Prints how many of a million rays leave a closed mesh, which should be none, and a table of ratios, then lets criterion keep a history of a few of its entries. Every method of a
-//! row answers the same segments in turn, seven rounds; its time is the CPU time of its best round, since other work on
-//! the machine only adds to it. obvhs: preset `medium`, triangles in the tree's order, its own triangle test (which leaks at
-//! edges: the last column counts the rays that it answers otherwise), rays made from segments as ours are. `CwBvh` gets
-//! unit directions, because it ignores what is nearer than t = 1e-4.
+//! Prints how many of a million rays leave a closed mesh, which should be none, and a table of ratios, then
+//! lets criterion keep a history of a few of its entries. Every method of a row answers the same segments in
+//! turn, seven rounds; its time is the CPU time of its best round, since other work on the machine only adds
+//! to it. obvhs: preset `medium`, triangles in the tree's order, its own triangle test (which leaks at edges:
+//! the last column counts the rays that it answers otherwise), rays made from segments as ours are. `CwBvh`
+//! gets unit directions, because it ignores what is nearer than t = 1e-4.
 
 mod leaks;
 mod sets;

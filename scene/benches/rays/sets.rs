@@ -28,10 +28,10 @@ impl RaySet {
     }
 }
 
-/// All sets of a scene. `cut`: receivers of 8x8 tiles, each with 256 random lights along a Morton curve, as the leaves of a
-/// light tree. `cut2`: the same with 400 lights shared by the tile. `tile`: those turned round, all receivers of a tile for
-/// each light. `stoch`: 65,536 receivers in 8x8 tiles, 8 random lights each. `shadow`: half a million segments between random points of
-/// surfaces, long and incoherent.
+/// All sets of a scene. `cut`: receivers of 8x8 tiles, each with 256 random lights along a Morton curve, as
+/// the leaves of a light tree. `cut2`: the same with 400 lights shared by the tile. `tile`: those turned
+/// round, all receivers of a tile for each light. `stoch`: 65,536 receivers in 8x8 tiles, 8 random lights
+/// each. `shadow`: half a million segments between random points of surfaces, long and incoherent.
 pub(crate) fn ray_sets(scene: &Scene, rays: &SceneRays) -> Vec<RaySet> {
     let view = View::new(scene, rays);
     let lights = lights_along_morton(scene);

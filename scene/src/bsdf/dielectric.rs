@@ -9,7 +9,8 @@ use super::{BsdfSample, Transport, reflect};
 pub struct Dielectric {
     /// Index of refraction on the far side ÷ that on the viewer's side; positive.
     pub eta: f32,
-    /// A pane without inside: light goes straight through, and what bounces between its two faces is summed up.
+    /// A pane without inside: light goes straight through, and what bounces between its two faces is summed
+    /// up.
     pub thin: bool,
     /// Multiplies what is transmitted, each channel in [0, 1].
     pub tint: Vec3,
@@ -39,8 +40,8 @@ impl Dielectric {
     }
 }
 
-/// Reflectance of unpolarised light at a smooth interface, in [0, 1]; `eta` as in [`Dielectric::eta`], `cos_o` in [0, 1] on
-/// the near side. 1 beyond the critical angle.
+/// Reflectance of unpolarised light at a smooth interface, in [0, 1]; `eta` as in [`Dielectric::eta`],
+/// `cos_o` in [0, 1] on the near side. 1 beyond the critical angle.
 pub fn fresnel_dielectric(cos_o: f32, eta: f32) -> f32 {
     let sin2_i = (1.0 - cos_o * cos_o) / (eta * eta);
     if sin2_i >= 1.0 {

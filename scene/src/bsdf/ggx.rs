@@ -1,13 +1,15 @@
 //! A Lambert base under a GGX microfacet lobe: the metallic-roughness material of glTF 2.0.
 //!
-//! Distribution and height-correlated Smith masking: Walter, Marschner, Li and Torrance, "Microfacet Models for Refraction through
-//! Rough Surfaces", 2007, and Heitz, "Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs", 2014, equation
+//! Distribution and height-correlated Smith masking: Walter, Marschner, Li and Torrance, "Microfacet Models
+//! for Refraction through Rough Surfaces", 2007, and Heitz, "Understanding the Masking-Shadowing Function in
+//! Microfacet-Based BRDFs", 2014, equation
 //! 99. Sampling: Heitz, "Sampling the GGX Distribution of Visible Normals", 2018.
 //!
-//! Differs from glTF 2.0 appendix B: there the base is weighted by 1 - F(wo · h), which lets base and lobe together reflect
-//! more than arrives at grazing angles. Here it is (1 - F(cos θo)) (1 - F(cos θi)) / (1 - F̄), F̄ being the cosine-weighted mean
-//! of Schlick's F: reciprocal, and the base reflects exactly what a smooth interface would let through. Nor is there a special case for roughness
-//! 0: alpha is at least [`Ggx::MIN_ALPHA`].
+//! Differs from glTF 2.0 appendix B: there the base is weighted by 1 - F(wo · h), which lets base and lobe
+//! together reflect more than arrives at grazing angles. Here it is (1 - F(cos θo)) (1 - F(cos θi)) / (1 -
+//! F̄), F̄ being the cosine-weighted mean of Schlick's F: reciprocal, and the base reflects exactly what a
+//! smooth interface would let through. Nor is there a special case for roughness 0: alpha is at least
+//! [`Ggx::MIN_ALPHA`].
 
 use core::f32::consts::{FRAC_1_PI, PI};
 
@@ -34,14 +36,17 @@ pub struct Ggx {
 }
 
 impl Ggx {
-    /// Narrowest lobe, 0.06° wide: f32 directions cannot tell narrower ones apart. Roughness below 0.032 is drawn as that.
+    /// Narrowest lobe, 0.06° wide: f32 directions cannot tell narrower ones apart. Roughness below 0.032 is
+    /// drawn as that.
     pub const MIN_ALPHA: f32 = 1e-3;
 
-    /// What a rough lobe reflects more than a smooth interface would, at most (at middle angles and roughness 0.3, found by
-    /// integration): the base is kept that much darker, so that both together never reflect more than arrives.
+    /// What a rough lobe reflects more than a smooth interface would, at most (at middle angles and roughness
+    /// 0.3, found by integration): the base is kept that much darker, so that both together never reflect
+    /// more than arrives.
     const ROUGH_EXCESS: f32 = 0.003;
 
-    /// From glTF's parameters, all but `ior` (at least 1) in [0, 1]; `specular` and `specular_color` as in `KHR_materials_specular`.
+    /// From glTF's parameters, all but `ior` (at least 1) in [0, 1]; `specular` and `specular_color` as in
+    /// `KHR_materials_specular`.
     pub fn new(
         base_color: Vec3,
         metallic: f32,
@@ -79,7 +84,8 @@ impl Ggx {
         self.interface
     }
 
-    /// Albedo of the base ÷ (1 - F̄) ÷ π: what the light that gets through the interface both ways is multiplied by.
+    /// Albedo of the base ÷ (1 - F̄) ÷ π: what the light that gets through the interface both ways is
+    /// multiplied by.
     pub const fn base(&self) -> Vec3 {
         self.base
     }
@@ -100,8 +106,9 @@ impl Ggx {
             return Vec3::ZERO;
         }
         let through = (1.0 - schlick(self.interface, cos_o)) * (1.0 - schlick(self.interface, cos_i));
-        // f cos θi = D F G₂ / (4 cos θo), of the half vector h at its full length l: G₂ / (4 cos θo cos θi) is
-        // 0.5 / smiths, D = α² / (π d²) as in `distribution`, and wo · h/l is l/2. So neither a unit vector nor a third quotient is needed.
+        // f cos θi = D F G₂ / (4 cos θo), of the half vector h at its full length l: G₂ / (4 cos θo cos θi)
+        // is 0.5 / smiths, D = α² / (π d²) as in `distribution`, and wo · h/l is l/2. So neither a unit
+        // vector nor a third quotient is needed.
         let half = wo + wi;
         let squared = half.length_squared();
         let a2 = self.alpha * self.alpha;
@@ -119,7 +126,8 @@ impl Ggx {
             return 0.0;
         }
         let half = (wo + wi).normalize_or_zero();
-        // D_v / (4 wo·h) with D_v = G₁ D wo·h / cos θo (Heitz 2018, equations 3 and 17); G₁ / cos θo = 2 / (cos θo + smith).
+        // D_v / (4 wo·h) with D_v = G₁ D wo·h / cos θo (Heitz 2018, equations 3 and 17); G₁ / cos θo = 2 /
+        // (cos θo + smith).
         let lobe = 0.5 * self.distribution(normal, half) / (cos_o + self.smith(cos_o));
         let specular = self.specular_probability(cos_o);
         specular * lobe + (1.0 - specular) * FRAC_1_PI * cos_i
@@ -164,8 +172,9 @@ impl Ggx {
 
     /// What bounds this surface's scattering.
     pub(super) fn receiver(&self, position: Vec3, normal: Vec3, wo: Vec3) -> GgxReceiver {
-        // The interface lets most through at normal incidence of the light. The receiver's lobe reaches 1 at grazing incidence,
-        // ours at most that; it needs some reflectance at normal incidence to have a lobe at all.
+        // The interface lets most through at normal incidence of the light. The receiver's lobe reaches 1 at
+        // grazing incidence, ours at most that; it needs some reflectance at normal incidence to have a lobe
+        // at all.
         let through = (1.0 - schlick(self.interface, normal.dot(wo))) * (1.0 - self.interface[0]);
         let diffuse = PI * self.base.max_element() * through;
         let f0 = self.f0.max_element();
@@ -180,7 +189,8 @@ impl Ggx {
         if lobe + base > 0.0 { lobe / (lobe + base) } else { 1.0 }
     }
 
-    /// D(h). The sine of the angle to the normal comes from the cross product, because 1 - cos² has no digits left in a narrow lobe.
+    /// D(h). The sine of the angle to the normal comes from the cross product, because 1 - cos² has no digits
+    /// left in a narrow lobe.
     fn distribution(&self, normal: Vec3, half: Vec3) -> f32 {
         let cos2 = normal.dot(half).powi(2);
         let sin2 = normal.cross(half).length_squared();
@@ -196,7 +206,8 @@ impl Ggx {
     }
 }
 
-/// Schlick, "An Inexpensive BRDF Model for Physically-Based Rendering", 1994; reflectances at normal and grazing incidence.
+/// Schlick, "An Inexpensive BRDF Model for Physically-Based Rendering", 1994; reflectances at normal and
+/// grazing incidence.
 pub(super) fn schlick([f0, f90]: [f32; 2], cos: f32) -> f32 {
     f0 + (f90 - f0) * pow5(1.0 - cos.clamp(0.0, 1.0))
 }

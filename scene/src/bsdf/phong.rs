@@ -1,7 +1,7 @@
 //! The modified Phong model.
 //!
-//! Lafortune and Willems, "Using the Modified Phong Reflectance Model for Physically Based Rendering", 1994: reciprocal,
-//! and a lobe of specular reflectance k reflects k at normal incidence and less elsewhere.
+//! Lafortune and Willems, "Using the Modified Phong Reflectance Model for Physically Based Rendering", 1994:
+//! reciprocal, and a lobe of specular reflectance k reflects k at normal incidence and less elsewhere.
 
 use core::f32::consts::{FRAC_1_PI, PI};
 
@@ -22,7 +22,8 @@ pub struct Phong {
 }
 
 impl Phong {
-    /// Reflectance of the lobe where a material asks for one: the rest is left to the base, so that both together reflect at most 1.
+    /// Reflectance of the lobe where a material asks for one: the rest is left to the base, so that both
+    /// together reflect at most 1.
     pub const SPECULAR: f32 = 0.25;
 
     /// A lobe of [`SPECULAR`](Self::SPECULAR) over a base of `base_color`.
@@ -39,7 +40,8 @@ impl Phong {
         (self.diffuse * FRAC_1_PI + self.specular * lobe) * cos_i
     }
 
-    /// The lobe of specular reflectance 1 in sr⁻¹, without the receiver's cosine, at this cosine from the mirror direction.
+    /// The lobe of specular reflectance 1 in sr⁻¹, without the receiver's cosine, at this cosine from the
+    /// mirror direction.
     #[inline]
     pub fn lobe(&self, cos: f32) -> f32 {
         (self.exponent + 2.0) * 0.5 * FRAC_1_PI * power(cos, self.exponent)
@@ -61,7 +63,8 @@ impl Phong {
         let wi = if choice < self.specular_probability() {
             let mirror = reflect(wo, normal);
             let (tangent, bitangent) = mirror.any_orthonormal_pair();
-            // cos = (1 - u)^(1/(n+1)); its sine from the logarithm, which stays exact where the cosine is next to 1.
+            // cos = (1 - u)^(1/(n+1)); its sine from the logarithm, which stays exact where the cosine is
+            // next to 1.
             let log_cos = (-u).ln_1p() / (self.exponent + 1.0);
             let (cos, sin) = (log_cos.exp(), (-(2.0 * log_cos).exp_m1()).max(0.0).sqrt());
             let (sin_phi, cos_phi) = (2.0 * PI * v).sin_cos();

@@ -101,7 +101,8 @@ fn samples_follow_their_density() {
                     bins += 1.0;
                 }
             }
-            // Mean and deviation of chi² with as many degrees of freedom; the quadrature's own error is part of the slack.
+            // Mean and deviation of chi² with as many degrees of freedom; the quadrature's own error is part
+            // of the slack.
             let sigmas = (chi2 - bins) / f64::sqrt(2.0 * bins);
             assert!(sigmas < 5.0, "{name} {wo}: chi² = {chi2} over {bins} bins");
         }

@@ -1,7 +1,9 @@
-//! Caustics: the first two scenes of Wang et al., "An Efficient GPU-based Approach for Interactive Global Illumination", 2009, rebuilt from their pictures.
+//! Caustics: the first two scenes of Wang et al., "An Efficient GPU-based Approach for Interactive Global
+//! Illumination", 2009, rebuilt from their pictures.
 //!
-//! A glass cube with a ring inside it, and a pool of moving water, each in a box of coloured walls. Differs from them: the light is a small square
-//! lamp and not a point, so that paths from the camera can find it, and there is a truth to compare with.
+//! A glass cube with a ring inside it, and a pool of moving water, each in a box of coloured walls. Differs
+//! from them: the light is a small square lamp and not a point, so that paths from the camera can find it,
+//! and there is a truth to compare with.
 
 use glam::{Vec2, Vec3};
 

@@ -2,15 +2,16 @@
 //!
 //! Geometry and camera: Cornell University Program of Computer Graphics, "The Cornell Box", measured data, 1998.
 //! Reflectances and the lamp's radiance: the RGB values in common use. Differs from the measurement: three
-//! channels in place of spectra, metres in place of millimetres, and the ceiling is cut out around the lamp, with
-//! which it is coplanar.
+//! channels in place of spectra, metres in place of millimetres, and the ceiling is cut out around the lamp,
+//! with which it is coplanar.
 
 use glam::Vec3;
 
 use super::shapes::Shapes;
 use crate::{Camera, Material, Scene};
 
-/// The published table is in millimetres, the scene in metres: divided, so that each coordinate is the nearest float.
+/// The published table is in millimetres, the scene in metres: divided, so that each coordinate is the
+/// nearest float.
 const MILLIMETRES: f32 = 1000.0;
 
 /// 38 triangles, of which 2 emit.
@@ -40,7 +41,8 @@ fn matte(name: &str, r: f32, g: f32, b: f32) -> Material {
     }
 }
 
-/// The box with its two blocks and the published camera, without a lamp; the ceiling covers these ranges of x and z.
+/// The box with its two blocks and the published camera, without a lamp; the ceiling covers these ranges of x
+/// and z.
 pub(super) fn room(ceiling: &[[f32; 4]]) -> Scene {
     let mut scene = Scene::default();
     let mut white = Shapes::default();

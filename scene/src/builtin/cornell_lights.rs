@@ -1,5 +1,6 @@
-//! The Cornell box with animated mesh lights in place of its lamp: the dynamic scene of Lin and Yuksel, "Real-Time Stochastic
-//! Lightcuts", 2020, section 5.1 (12 meshes, 12,146 emissive triangles). The paper publishes no meshes or paths; these are ours.
+//! The Cornell box with animated mesh lights in place of its lamp: the dynamic scene of Lin and Yuksel,
+//! "Real-Time Stochastic Lightcuts", 2020, section 5.1 (12 meshes, 12,146 emissive triangles). The paper
+//! publishes no meshes or paths; these are ours.
 
 use core::f32::consts::TAU;
 use std::collections::BinaryHeap;
@@ -15,7 +16,8 @@ use crate::{Material, Mesh, Scene};
 /// Bodies, unless there are fewer triangles.
 const BODIES: usize = 12;
 
-/// Sum over all triangles of radiance × area (largest channel), W·sr⁻¹: that of the box's own lamp and a half. The same for any count.
+/// Sum over all triangles of radiance × area (largest channel), W·sr⁻¹: that of the box's own lamp and a
+/// half. The same for any count.
 const TOTAL_INTENSITY: f32 = 0.35;
 
 /// Frames in which the outer ring of bodies goes round once.
@@ -59,7 +61,8 @@ fn size(body: usize) -> f32 {
     0.026 + 0.004 * (body % 4) as f32
 }
 
-/// Where a body is: eight circle above the blocks in two rings against each other, four go up and down between them.
+/// Where a body is: eight circle above the blocks in two rings against each other, four go up and down
+/// between them.
 fn place(body: usize, frame: u32) -> Affine3A {
     // The remainder keeps f32 exact for any frame; both rings and all spins are whole turns a period.
     let turn = (f64::from(frame) / f64::from(PERIOD)).fract() as f32 * TAU;
@@ -87,7 +90,8 @@ fn place(body: usize, frame: u32) -> Affine3A {
     Affine3A::from_scale_rotation_translation(Vec3::splat(size(body)), spin, at)
 }
 
-/// Ball, ring or box, about 1 in radius, of exactly so many triangles; a single one cut up where they are too few for a solid.
+/// Ball, ring or box, about 1 in radius, of exactly so many triangles; a single one cut up where they are too
+/// few for a solid.
 fn body(kind: usize, triangles: usize) -> Mesh {
     let mut shapes = Shapes::default();
     match (kind % 3, triangles) {
@@ -112,8 +116,8 @@ fn body(kind: usize, triangles: usize) -> Mesh {
     mesh
 }
 
-/// Halves the largest triangle across its longest edge until there are `count`. Neighbours keep their edges: the surface stays where it
-/// is, with corners on edges.
+/// Halves the largest triangle across its longest edge until there are `count`. Neighbours keep their edges:
+/// the surface stays where it is, with corners on edges.
 fn halve_largest(mesh: &mut Mesh, count: usize) {
     let double_area = |mesh: &Mesh, triangle: usize| {
         let [a, b, c] = mesh.triangles[triangle].map(|i| mesh.positions[i as usize]);

@@ -1,4 +1,5 @@
-//! The hall: two rows of pillars with arches, statues along the aisles, clutter, and many coloured point lamps.
+//! The hall: two rows of pillars with arches, statues along the aisles, clutter, and many coloured point
+//! lamps.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 

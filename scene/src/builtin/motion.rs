@@ -3,7 +3,8 @@
 use super::{cornell_lights, sun};
 use crate::{RaysError, Scene};
 
-/// What changes from frame to frame. A frame is a function of its number alone, so frames can be made in any order.
+/// What changes from frame to frame. A frame is a function of its number alone, so frames can be made in any
+/// order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Motion {
     /// Nothing.
@@ -34,11 +35,12 @@ impl Motion {
 }
 
 impl Scene {
-    /// Puts everything where it is in frame `frame`; a new scene is in frame 0. Lights keep their order and count where bodies move;
-    /// those that the sun makes are all new.
+    /// Puts everything where it is in frame `frame`; a new scene is in frame 0. Lights keep their order and
+    /// count where bodies move; those that the sun makes are all new.
     ///
     /// # Errors
-    /// As [`SceneRays::build`](crate::SceneRays::build), where light has to be traced. A built-in scene gives none.
+    /// As [`SceneRays::build`](crate::SceneRays::build), where light has to be traced. A built-in scene gives
+    /// none.
     pub fn go_to_frame(&mut self, frame: u32) -> Result<(), RaysError> {
         match self.motion {
             Motion::Still => Ok(()),

@@ -5,8 +5,8 @@ use std::f32::consts::TAU;
 use glam::Vec3;
 use lighttree::rng::Random;
 
-/// The light of a black body's look, linear RGB with largest channel 1: a fit by eye between an ember and daylight,
-/// `warmth` 1 and 0.
+/// The light of a black body's look, linear RGB with largest channel 1: a fit by eye between an ember and
+/// daylight, `warmth` 1 and 0.
 pub(super) fn white(warmth: f32) -> Vec3 {
     Vec3::new(0.85, 0.92, 1.0).lerp(Vec3::new(1.0, 0.48, 0.14), warmth)
 }

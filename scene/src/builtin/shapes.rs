@@ -138,7 +138,8 @@ impl Shapes {
     }
 
     /// A half-circle arch: a solid band between radii `inner` and `outer` standing on two feet at
-    /// `centre ± radius · along`, `depth` thick to both sides along `across` (unit, perpendicular to `along`).
+    /// `centre ± radius · along`, `depth` thick to both sides along `across` (unit, perpendicular to
+    /// `along`).
     pub(super) fn arch(&mut self, centre: Vec3, along: Vec3, [inner, outer, depth]: [f32; 3], segments: u32) {
         let across = along.cross(Vec3::Y) * depth;
         let at = |radius: f32, step: u32| {
@@ -155,7 +156,8 @@ impl Shapes {
         }
     }
 
-    /// A sheet over the rectangle from `min` to `max` (x and z), front upwards, `cells` quads along each side: `height` gives its height and slope.
+    /// A sheet over the rectangle from `min` to `max` (x and z), front upwards, `cells` quads along each
+    /// side: `height` gives its height and slope.
     pub(super) fn height_field(
         &mut self,
         min: Vec2,

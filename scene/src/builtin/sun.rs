@@ -1,5 +1,6 @@
-//! A courtyard with arcades under a moving sun: all that is not in the sun is lit by the virtual lights that the sun makes. So Lin and Yuksel,
-//! "Real-Time Stochastic Lightcuts", 2020, section 5.1, light Crytek Sponza, which is no scene that code can make.
+//! A courtyard with arcades under a moving sun: all that is not in the sun is lit by the virtual lights that
+//! the sun makes. So Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 5.1, light Crytek
+//! Sponza, which is no scene that code can make.
 
 use core::f32::consts::TAU;
 
@@ -10,7 +11,8 @@ use super::motion::Motion;
 use super::shapes::Shapes;
 use crate::{Camera, DistantLight, Frame, Material, RaysError, Scene, SceneRays, virtual_lights};
 
-/// Of the particles. The same in each frame, so that virtual lights move with the sun instead of jumping about.
+/// Of the particles. The same in each frame, so that virtual lights move with the sun instead of jumping
+/// about.
 const SEED: u32 = 0x0053_554e;
 
 /// Half extents of the court with its arcades along x and z, and the height of its walls; metres.

@@ -1,4 +1,5 @@
-//! A wall of virtual point lights that faces a plain room: the scene for measuring how cost grows with their count.
+//! A wall of virtual point lights that faces a plain room: the scene for measuring how cost grows with their
+//! count.
 
 use std::f32::consts::TAU;
 
@@ -17,7 +18,8 @@ const HALF_WIDTH: f32 = 8.0;
 const HEIGHT: f32 = 7.0;
 const DEPTH: f32 = 14.0;
 
-/// Sum of all lights' radiant intensity along their normals (largest channel), W·sr⁻¹: the same for any count.
+/// Sum of all lights' radiant intensity along their normals (largest channel), W·sr⁻¹: the same for any
+/// count.
 const TOTAL_INTENSITY: f32 = 400.0;
 
 /// The room with a wall of `count` lights.

@@ -1,7 +1,7 @@
 //! Checked access to buffers, views and accessors.
 //!
-//! The `gltf` crate's iterators compute `offset + stride · (count - 1) + size` unchecked and trust sparse counts.
-//! Everything they rely on is proved here first, in 64-bit arithmetic that cannot overflow unnoticed.
+//! The `gltf` crate's iterators compute `offset + stride · (count - 1) + size` unchecked and trust sparse
+//! counts. Everything they rely on is proved here first, in 64-bit arithmetic that cannot overflow unnoticed.
 
 use std::borrow::Cow;
 use std::mem::size_of;

@@ -4,7 +4,8 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a file could not be imported. Its message is one line: the file, the thing in it, what is wrong, what to do.
+/// Why a file could not be imported. Its message is one line: the file, the thing in it, what is wrong, what
+/// to do.
 #[derive(Debug)]
 pub struct ImportError {
     /// The file that was asked for.

@@ -1,8 +1,8 @@
 //! Bytes from disk and data URIs, with one budget for all of them.
 //!
-//! A scene may name further files by relative paths. They must lie in the folder of the scene file or below it:
-//! absolute paths, `..` and symbolic links that lead out are refused, so that a downloaded scene cannot read the rest of the disk.
-//! Only plain files are opened, since reading a pipe or a device may never end.
+//! A scene may name further files by relative paths. They must lie in the folder of the scene file or below
+//! it: absolute paths, `..` and symbolic links that lead out are refused, so that a downloaded scene cannot
+//! read the rest of the disk. Only plain files are opened, since reading a pipe or a device may never end.
 
 use std::fs::File;
 use std::io::{self, Read};

@@ -10,8 +10,8 @@ use super::error::thing;
 use super::{ImportProblem, Notes};
 use crate::Mesh;
 
-/// Converts one primitive of triangles; `None` for points, lines and strips too short for a triangle. The mesh's
-/// material is left for the caller to set.
+/// Converts one primitive of triangles; `None` for points, lines and strips too short for a triangle. The
+/// mesh's material is left for the caller to set.
 pub(super) fn convert(
     mesh: &gltf::Mesh<'_>,
     primitive: &Primitive<'_>,

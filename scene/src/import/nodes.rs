@@ -21,8 +21,8 @@ pub(super) struct Placed {
     pub(super) cameras: Vec<Camera>,
 }
 
-/// Walks the chosen scenes. Each node belongs to one parent, as the specification demands: so a cycle shows as a
-/// node reached twice, and the walk ends.
+/// Walks the chosen scenes. Each node belongs to one parent, as the specification demands: so a cycle shows
+/// as a node reached twice, and the walk ends.
 pub(super) fn place(
     document: &Document,
     choice: SceneChoice,

@@ -1,7 +1,8 @@
 //! A look at the JSON text before it is parsed, for what the parser would not tell or not survive.
 //!
 //! - `{` and `[` are counted: a material of two characters, `{}`, takes half a kilobyte in memory.
-//! - `NaN` and `Infinity`, which some exporters write, are no JSON. A parser names line and column, this the thing.
+//! - `NaN` and `Infinity`, which some exporters write, are no JSON. A parser names line and column, this the
+//!   thing.
 //! - The parser takes an index modulo 2³², so that 4294967296 would become a valid 0.
 //!
 //! Anything else that is wrong is left to the parser.

@@ -1,8 +1,8 @@
 //! Points on lights: where a contribution comes from, and how strong it is.
 //!
-//! A point on a triangle is drawn by area, or by solid angle for one receiver. Where the triangle is far both are as good and area is
-//! cheaper; where it is near, cosine ÷ squared distance varies over the triangle, and points by area make
-//! speckles, without limit as the distance goes to zero.
+//! A point on a triangle is drawn by area, or by solid angle for one receiver. Where the triangle is far both
+//! are as good and area is cheaper; where it is near, cosine ÷ squared distance varies over the triangle, and
+//! points by area make speckles, without limit as the distance goes to zero.
 
 use glam::{DVec3, Vec2, Vec3};
 use lighttree::SphericalTriangle;
@@ -16,12 +16,13 @@ use crate::rays::error_in_world;
 pub struct LightPoint {
     /// World-space position: where the contribution comes from.
     pub position: Vec3,
-    /// Peak radiant intensity that the point stands for, W·sr⁻¹: the light's own; radiance × area for a surface by area; for
-    /// [`Profile::Seen`] the intensity towards the receiver, cosine included.
+    /// Peak radiant intensity that the point stands for, W·sr⁻¹: the light's own; radiance × area for a
+    /// surface by area; for [`Profile::Seen`] the intensity towards the receiver, cosine included.
     pub intensity: Vec3,
     /// How the intensity falls off with direction.
     pub profile: Profile,
-    /// Distance along the normal that takes a ray's end safely off the light's surface; 0 where there is none.
+    /// Distance along the normal that takes a ray's end safely off the light's surface; 0 where there is
+    /// none.
     pub offset: f32,
 }
 
@@ -56,20 +57,20 @@ pub enum Profile {
 }
 
 impl Light {
-    /// A triangle is drawn by solid angle from receivers nearer to its centre than so many times the distance from there to its farthest
-    /// corner.
+    /// A triangle is drawn by solid angle from receivers nearer to its centre than so many times the distance
+    /// from there to its farthest corner.
     ///
-    /// By area, what a point gives varies only with 1 ÷ distance³ (the cosine at the light is the plane's distance ÷ distance), so beyond
-    /// this it varies by at most (33 ÷ 31)³, a tenth to either side; such a triangle's solid angle is below 1.3e-3 sr. By the
-    /// distance rather than the solid angle, because a long triangle seen along its length has a small one
-    /// and varies nevertheless.
+    /// By area, what a point gives varies only with 1 ÷ distance³ (the cosine at the light is the plane's
+    /// distance ÷ distance), so beyond this it varies by at most (33 ÷ 31)³, a tenth to either side; such a
+    /// triangle's solid angle is below 1.3e-3 sr. By the distance rather than the solid angle, because a long
+    /// triangle seen along its length has a small one and varies nevertheless.
     pub const NEAR: f64 = 32.0;
 
-    /// The point of the light at `u` in [0, 1)² to light `receiver` with; any `u` for a light that is a point. The mean over
-    /// `u` of what its [`LightPoint`]s contribute is what the light contributes.
+    /// The point of the light at `u` in [0, 1)² to light `receiver` with; any `u` for a light that is a
+    /// point. The mean over `u` of what its [`LightPoint`]s contribute is what the light contributes.
     ///
-    /// On a triangle that is [near](Self::NEAR), uniform in solid angle, and black where the receiver is behind it; otherwise by area.
-    /// Textured emission is looked up at the point.
+    /// On a triangle that is [near](Self::NEAR), uniform in solid angle, and black where the receiver is
+    /// behind it; otherwise by area. Textured emission is looked up at the point.
     #[inline]
     pub fn point(&self, scene: &Scene, u: [f32; 2], receiver: Vec3) -> LightPoint {
         self.toward(receiver).point(scene, u)
@@ -114,14 +115,16 @@ impl Light {
         }
     }
 
-    /// Whether [`point`](Self::point) draws by solid angle for any receiver that is up to `around` from `receiver`.
+    /// Whether [`point`](Self::point) draws by solid angle for any receiver that is up to `around` from
+    /// `receiver`.
     #[inline]
     pub fn is_near(&self, receiver: Vec3, around: f64) -> bool {
         self.near_triangle(receiver, around).is_some()
     }
 
-    /// Density per steradian with which [`point`](Self::point), with uniform `u`, draws a point of the light for `receiver`: the point in the
-    /// unit direction `wi` at distance² `squared`. 0 for a light that is a point, and edge-on.
+    /// Density per steradian with which [`point`](Self::point), with uniform `u`, draws a point of the light
+    /// for `receiver`: the point in the unit direction `wi` at distance² `squared`. 0 for a light that is a
+    /// point, and edge-on.
     pub fn density(&self, receiver: Vec3, wi: Vec3, squared: f64) -> f64 {
         if let Some(seen) = self.seen_from(receiver) {
             return 1.0 / seen.solid_angle();
@@ -171,9 +174,9 @@ impl LightView<'_> {
     /// The most that it asks for.
     pub const MOST_POINTS: u32 = 16;
 
-    /// How many points do the light justice, where one shadow ray is cheap beside the rest: a power of two up to
-    /// [`MOST_POINTS`](Self::MOST_POINTS), in proportion to the solid angle of a near triangle, because so is what it gives and with it the noise of one
-    /// point; 1 for all other lights.
+    /// How many points do the light justice, where one shadow ray is cheap beside the rest: a power of two up
+    /// to [`MOST_POINTS`](Self::MOST_POINTS), in proportion to the solid angle of a near triangle, because so
+    /// is what it gives and with it the noise of one point; 1 for all other lights.
     #[inline]
     pub fn points(&self) -> u32 {
         let Some(seen) = &self.seen else { return 1 };
@@ -192,7 +195,8 @@ impl LightView<'_> {
         let [a, b, c] = vertices.map(Vec3::as_dvec3);
         let position = (weights[0] * a + weights[1] * b + weights[2] * c).as_vec3();
         let intensity = if two_sided || seen.is_front() {
-            // What arrives is radiance × solid angle. The rounded point's own distance, by which a contribution is divided.
+            // What arrives is radiance × solid angle. The rounded point's own distance, by which a
+            // contribution is divided.
             let squared = position.as_dvec3().distance_squared(self.receiver.as_dvec3());
             let radiance = self.light.radiance_at(scene, weights.map(|w| w as f32));
             radiance * (seen.solid_angle() * squared) as f32
@@ -225,7 +229,8 @@ impl LightPoint {
         }
     }
 
-    /// Where a shadow ray between the point and `receiver` ends: off the light's surface on the receiver's side.
+    /// Where a shadow ray between the point and `receiver` ends: off the light's surface on the receiver's
+    /// side.
     #[inline]
     pub fn end_toward(&self, receiver: Vec3) -> Vec3 {
         match self.profile {
@@ -248,7 +253,8 @@ impl LightPoint {
     }
 }
 
-/// `KHR_lights_punctual`: full inside the inner cone, a squared linear ramp in the cosine, nothing outside. Equal cones are a sharp edge.
+/// `KHR_lights_punctual`: full inside the inner cone, a squared linear ramp in the cosine, nothing outside.
+/// Equal cones are a sharp edge.
 fn spot_falloff(cos: f32, cos_inner: f32, cos_outer: f32) -> f32 {
     if cos >= cos_inner {
         1.0
@@ -273,7 +279,8 @@ fn plane(&[a, b, c]: &[Vec3; 3]) -> (Vec3, f64) {
     (if double_area > 0.0 { (cross / double_area).as_vec3() } else { Vec3::Z }, double_area)
 }
 
-/// Radiance at a point of a triangle whose material has an emissive texture; the weights are those of the light's corners.
+/// Radiance at a point of a triangle whose material has an emissive texture; the weights are those of the
+/// light's corners.
 fn textured_emission(scene: &Scene, instance: u32, triangle: u32, weights: [f32; 3]) -> Option<Vec3> {
     if scene.textures.is_empty() {
         return None;

@@ -24,9 +24,10 @@ impl Scene {
     /// Adds a [`Light::Triangle`] for each triangle, after instancing, whose material emits, in the order of
     /// instances and triangles. Call it once, when geometry and materials are complete.
     ///
-    /// The radiance is the mean of `emissive × texture` over the triangle, exact up to rounding for footprints of up
-    /// to some two thousand texels across and from an averaged image beyond; never black where the texture is not. A
-    /// mirrored instance's triangles are turned round, so that the light's front stays the surface's.
+    /// The radiance is the mean of `emissive × texture` over the triangle, exact up to rounding for
+    /// footprints of up to some two thousand texels across and from an averaged image beyond; never black
+    /// where the texture is not. A mirrored instance's triangles are turned round, so that the light's front
+    /// stays the surface's.
     pub fn add_emissive_triangles(&mut self) -> EmissionSummary {
         let mut summary = EmissionSummary::default();
         let mut footprints: HashMap<u32, Footprints> = HashMap::new();

@@ -1,15 +1,15 @@
 //! The mean of a texture over a triangle in texture space, exactly.
 //!
-//! What [`Texture::sample`] interpolates is bilinear between four texel centres. Over each cell between centres that
-//! a triangle covers in part, its integral is taken over the clipped polygon by a rule that is exact for such a
-//! function; runs of cells that it covers whole come from prefix sums of rows. So a triangle costs as many steps as
-//! its outline crosses texels.
+//! What [`Texture::sample`] interpolates is bilinear between four texel centres. Over each cell between
+//! centres that a triangle covers in part, its integral is taken over the clipped polygon by a rule that is
+//! exact for such a function; runs of cells that it covers whole come from prefix sums of rows. So a triangle
+//! costs as many steps as its outline crosses texels.
 //!
-//! **Error.** None but rounding, in double precision, for footprints up to [`MAX_ACROSS`] texels wide and high
-//! together and images up to [`MAX_TEXELS`]. Beyond, the image is first halved, by averages, as often as needed:
-//! then each block of 2ᵏ × 2ᵏ texels is spread over itself and its neighbours. A footprint of more than
-//! [`MAX_ACROSS`] whole images has the image's mean. Every texel keeps a positive weight on every level, so that
-//! the mean is never zero where a texel under the triangle emits.
+//! **Error.** None but rounding, in double precision, for footprints up to [`MAX_ACROSS`] texels wide and
+//! high together and images up to [`MAX_TEXELS`]. Beyond, the image is first halved, by averages, as often as
+//! needed: then each block of 2ᵏ × 2ᵏ texels is spread over itself and its neighbours. A footprint of more
+//! than [`MAX_ACROSS`] whole images has the image's mean. Every texel keeps a positive weight on every level,
+//! so that the mean is never zero where a texel under the triangle emits.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
@@ -31,8 +31,8 @@ pub(super) struct Footprints {
     levels: Vec<Level>,
 }
 
-/// Linear RGB of one resolution as prefix sums of rows: `sums[y · (width + 1) + x]` is the sum of the `x` leftmost
-/// texels of row `y`.
+/// Linear RGB of one resolution as prefix sums of rows: `sums[y · (width + 1) + x]` is the sum of the `x`
+/// leftmost texels of row `y`.
 struct Level {
     width: usize,
     height: usize,
@@ -144,8 +144,8 @@ impl Level {
         sum
     }
 
-    /// Sum of texels `from..to` of row `y`, which may lie outside the image. Terms are differences of prefix sums
-    /// of one row and so exactly zero where the texels are.
+    /// Sum of texels `from..to` of row `y`, which may lie outside the image. Terms are differences of prefix
+    /// sums of one row and so exactly zero where the texels are.
     fn run(&self, y: usize, from: i64, to: i64, wrap: Wrap) -> DVec3 {
         let n = self.width as i64;
         let sums = &self.sums[y * (self.width + 1)..(y + 1) * (self.width + 1)];
@@ -228,8 +228,8 @@ fn clip(polygon: &[DVec2], axis: usize, bound: f64, sign: f64) -> Vec<DVec2> {
     kept
 }
 
-/// Integral of the bilinear function of `texels` over a polygon inside the cell at `origin`: a fan of triangles, each
-/// by the rule of its sides' midpoints, exact up to degree 2.
+/// Integral of the bilinear function of `texels` over a polygon inside the cell at `origin`: a fan of
+/// triangles, each by the rule of its sides' midpoints, exact up to degree 2.
 fn integral_of_cell(polygon: &[DVec2], origin: DVec2, texels: [[DVec3; 2]; 2]) -> DVec3 {
     let mut sum = DVec3::ZERO;
     let a = polygon[0] - origin;
@@ -264,7 +264,8 @@ fn halve((width, height): (usize, usize), texels: &[Vec3]) -> ((usize, usize), V
     ((width, height.div_ceil(2)), halved)
 }
 
-/// A line of n texels as one of ⌈n/2⌉ over the same length. Where n is odd a new texel covers n/⌈n/2⌉ old ones.
+/// A line of n texels as one of ⌈n/2⌉ over the same length. Where n is odd a new texel covers n/⌈n/2⌉ old
+/// ones.
 fn halve_line(line: &[Vec3]) -> Vec<Vec3> {
     let length = line.len().div_ceil(2);
     let step = line.len() as f64 / length as f64;

@@ -5,7 +5,8 @@ use glam::Vec2;
 use super::triangle::HitFilter;
 use crate::{AlphaMode, Material, Mesh, Scene, Texture};
 
-/// The masks of a scene, copied out of it: texture coordinates of masked meshes and the textures that they look up.
+/// The masks of a scene, copied out of it: texture coordinates of masked meshes and the textures that they
+/// look up.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AlphaMasks {
     /// By mesh; `None`: no holes.
@@ -16,7 +17,8 @@ pub(super) struct AlphaMasks {
     any_for_nearest: bool,
 }
 
-/// What is asked of the surfaces: holes of alpha masks are there always, those of thinly blended surfaces only for occlusion.
+/// What is asked of the surfaces: holes of alpha masks are there always, those of thinly blended surfaces
+/// only for occlusion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Asked {
     Nearest,

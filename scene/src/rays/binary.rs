@@ -1,5 +1,6 @@
-//! The binary tree that is made wide: `binned` builds it, and `obvhs` mends it by taking subtrees out and putting them
-//! where they cost less (Meister, Bittner, "Parallel Reinsertion for Bounding Volume Hierarchy Optimization", 2018).
+//! The binary tree that is made wide: `binned` builds it, and `obvhs` mends it by taking subtrees out and
+//! putting them where they cost less (Meister, Bittner, "Parallel Reinsertion for Bounding Volume Hierarchy
+//! Optimization", 2018).
 
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
@@ -24,13 +25,13 @@ pub(super) struct Binary {
     pub(super) nodes: Vec<BinaryNode>,
 }
 
-/// Share of the nodes that are put elsewhere in the first of obvhs' sixteen rounds; later ones take fewer. Three times as many gain
-/// less than 3 % in rays.
+/// Share of the nodes that are put elsewhere in the first of obvhs' sixteen rounds; later ones take fewer.
+/// Three times as many gain less than 3 % in rays.
 const REINSERTED: f32 = 0.05;
 
 impl Binary {
-    /// A tree over finite boxes. Binning takes n log n; how long obvhs looks for better places has no bound, but it stops early where
-    /// nothing is to be gained, as among copies, nests and progressions (tested).
+    /// A tree over finite boxes. Binning takes n log n; how long obvhs looks for better places has no bound,
+    /// but it stops early where nothing is to be gained, as among copies, nests and progressions (tested).
     pub(super) fn build(boxes: &[Aabb]) -> Self {
         if boxes.is_empty() {
             return Self { nodes: Vec::new() };
@@ -43,7 +44,8 @@ impl Binary {
         })
     }
 
-    /// The same leaves in the same order under a balanced tree: for inputs so degenerate that the built one is a chain.
+    /// The same leaves in the same order under a balanced tree: for inputs so degenerate that the built one
+    /// is a chain.
     pub(super) fn halved(&self, boxes: &[Aabb]) -> Self {
         let order = self.primitives_below(0);
         Self::grow(boxes, 0..order.len(), |run| match run.len() {

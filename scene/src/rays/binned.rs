@@ -2,9 +2,9 @@
 //!
 //! Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", RT 2007.
 //!
-//! Differs from the paper: all axes are tried, not the widest alone; few boxes are swept one by one instead of
-//! binned; and deep down, where the heuristic only peels boxes off, boxes are halved, so that no input makes
-//! the tree deeper than [`DEEP`] and log₂ n levels, or the build slower than n log n.
+//! Differs from the paper: all axes are tried, not the widest alone; few boxes are swept one by one instead
+//! of binned; and deep down, where the heuristic only peels boxes off, boxes are halved, so that no input
+//! makes the tree deeper than [`DEEP`] and log₂ n levels, or the build slower than n log n.
 
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
@@ -18,8 +18,8 @@ const DEEP: usize = 64;
 /// Subtrees of fewer boxes are one task.
 const TASK: usize = 4096;
 
-/// A tree with one box a leaf, `first_index` of a leaf naming the box. Nodes are in breadth-first order, as obvhs' reinsertion expects
-/// of what it takes for the top of the tree.
+/// A tree with one box a leaf, `first_index` of a leaf naming the box. Nodes are in breadth-first order, as
+/// obvhs' reinsertion expects of what it takes for the top of the tree.
 pub(super) fn build(boxes: &[Aabb]) -> Bvh2 {
     let mut leaves: Vec<_> = boxes.iter().zip(0u32..).map(|(b, i)| Bvh2Node::new(*b, 1, i)).collect();
     let mut nodes = vec![Bvh2Node::new(Aabb::empty(), 0, 0); (2 * leaves.len()).saturating_sub(1)];

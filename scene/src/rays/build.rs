@@ -15,7 +15,8 @@ use super::triangle::{MASKED_ID, Packet};
 ///
 /// # Memory
 /// 256 bytes a node, 320 bytes a packet of up to 8 triangles: 65 to 85 bytes a triangle in scenes of some
-/// size, 105 at most where each leaf is as empty as it gets in a regular mesh. While building, some 400 bytes a triangle more.
+/// size, 105 at most where each leaf is as empty as it gets in a regular mesh. While building, some 400 bytes
+/// a triangle more.
 #[derive(Clone, Debug)]
 pub struct WideBvh {
     pub(super) nodes: Vec<Node>,
@@ -66,7 +67,8 @@ impl WideBvh {
     /// A tree over `triangles`, none of them masked. Any order, any winding; empty is fine.
     ///
     /// # Errors
-    /// [`RaysError::NonFinite`] names the first triangle with a vertex that isn't finite; [`RaysError::TooMany`].
+    /// [`RaysError::NonFinite`] names the first triangle with a vertex that isn't finite;
+    /// [`RaysError::TooMany`].
     pub fn build(triangles: &[[Vec3; 3]]) -> Result<Self, RaysError> {
         Self::build_masked(triangles, |_| false)
     }
@@ -87,8 +89,9 @@ impl WideBvh {
         let largest = triangles.iter().flatten().fold(0.0f32, |m, v| m.max(v.abs().max_element()));
         let scale = Scale::of(largest);
 
-        // Leave out what no ray can hit. Two equal corners make the edge functions exact opposites, so their sum is zero
-        // and t no number, whatever the rounding. Triangles that are merely thin stay: they may close a gap.
+        // Leave out what no ray can hit. Two equal corners make the edge functions exact opposites, so their
+        // sum is zero and t no number, whatever the rounding. Triangles that are merely thin stay: they may
+        // close a gap.
         let kept: Vec<u32> = (0u32..)
             .zip(triangles)
             .filter(|(_, [a, b, c])| a != b && b != c && c != a)
@@ -131,7 +134,8 @@ impl WideBvh {
         };
         let (mut nodes, mut packets, mut stack) = pack(&tree);
         if stack > STACK {
-            // 2^31 leaves are 31 levels deep, and a level leaves 7 siblings at most on the stack: 218 entries.
+            // 2^31 leaves are 31 levels deep, and a level leaves 7 siblings at most on the stack: 218
+            // entries.
             stats.balanced = true;
             (nodes, packets, stack) = pack(&tree.halved(&boxes));
             assert!(stack <= STACK, "a balanced tree needs {stack} stack entries, more than can be");
@@ -150,7 +154,8 @@ impl WideBvh {
         self.path
     }
 
-    /// Uses `path`, or the portable one where this processor lacks it: for tests and benches, since answers are the same.
+    /// Uses `path`, or the portable one where this processor lacks it: for tests and benches, since answers
+    /// are the same.
     pub fn set_path(&mut self, path: Path) {
         self.path = if path == Path::detect() { path } else { Path::Portable };
     }

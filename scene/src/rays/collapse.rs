@@ -1,11 +1,13 @@
-//! From a binary tree to an 8-wide one: for every node the cheapest choice of up to 8 descendants as children.
+//! From a binary tree to an 8-wide one: for every node the cheapest choice of up to 8 descendants as
+//! children.
 //!
-//! Ylitie, Karras, Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017, section
-//! 3.1: by dynamic programming, `C(n, i)` is the least cost of representing the subtree of `n` as at most `i` nodes
-//! in a wide parent. Costs are areas times the packets or nodes tested, both weighed 1 (halving or doubling either
-//! changes the number of rays per second by less than 5 %).
+//! Ylitie, Karras, Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG
+//! 2017, section 3.1: by dynamic programming, `C(n, i)` is the least cost of representing the subtree of `n`
+//! as at most `i` nodes in a wide parent. Costs are areas times the packets or nodes tested, both weighed 1
+//! (halving or doubling either changes the number of rays per second by less than 5 %).
 //!
-//! Differs from the paper: a leaf costs its packets of eight rather than its triangles, and is allowed up to two of them.
+//! Differs from the paper: a leaf costs its packets of eight rather than its triangles, and is allowed up to
+//! two of them.
 
 use super::binary::{Binary, NONE};
 use super::node::{LANES, Link, Node};
@@ -13,7 +15,8 @@ use super::node::{LANES, Link, Node};
 /// What becomes of each node of a binary tree.
 pub(super) struct Plan {
     leaf: Vec<bool>,
-    /// `to_left[n][i]`: of `i + 1` slots given to `n`'s subtree, how many go to its left child; 0: one slot less does as well.
+    /// `to_left[n][i]`: of `i + 1` slots given to `n`'s subtree, how many go to its left child; 0: one slot
+    /// less does as well.
     to_left: Vec<[u8; LANES]>,
 }
 
@@ -92,8 +95,8 @@ impl Plan {
         }
     }
 
-    /// Writes the wide nodes, parents first, `leaf` making the link of a leaf from its primitives. Also gives the number
-    /// of stack entries that a traversal can need.
+    /// Writes the wide nodes, parents first, `leaf` making the link of a leaf from its primitives. Also gives
+    /// the number of stack entries that a traversal can need.
     pub(super) fn emit(&self, tree: &Binary, mut leaf: impl FnMut(&[u32]) -> Link) -> (Vec<Node>, usize) {
         let mut nodes = vec![Node::EMPTY];
         if tree.nodes.is_empty() {

@@ -56,8 +56,8 @@ macro_rules! dispatch {
         #[cfg(target_arch = "x86_64")]
         if $bvh.path() == Path::Avx2 {
             #[expect(unsafe_code, reason = "calls a function compiled for features that were found at run time")]
-            // SAFETY: a tree's path is `Avx2` only where `Path::detect` found AVX2 and FMA (`WideBvh::set_path` holds to
-            // it), and the functions are safe but for needing them.
+            // SAFETY: a tree's path is `Avx2` only where `Path::detect` found AVX2 and FMA
+            // (`WideBvh::set_path` holds to it), and the functions are safe but for needing them.
             return unsafe { avx2::$function($bvh, $($argument),*) };
         }
         portable::$function($bvh, $($argument),*)
@@ -92,7 +92,8 @@ impl WideBvh {
         dispatch!(self, occluded(segment, filter, scratch))
     }
 
-    /// [`occluded`](Self::occluded) of each segment. Keep them in image order: sorting costs more than it gains.
+    /// [`occluded`](Self::occluded) of each segment. Keep them in image order: sorting costs more than it
+    /// gains.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -107,8 +108,8 @@ impl WideBvh {
         dispatch!(self, occluded_each(segments, occluded, filter, scratch));
     }
 
-    /// [`occluded`](Self::occluded), after asking the leaf that `blocker` remembers. Pays off where neighbours ask about the
-    /// same light. Any value of `blocker` is allowed; `u32::MAX` knows nothing.
+    /// [`occluded`](Self::occluded), after asking the leaf that `blocker` remembers. Pays off where
+    /// neighbours ask about the same light. Any value of `blocker` is allowed; `u32::MAX` knows nothing.
     pub fn occluded_via<F: HitFilter>(
         &self,
         segment: &Segment,
@@ -119,8 +120,8 @@ impl WideBvh {
         dispatch!(self, occluded_via(segment, blocker, filter, scratch))
     }
 
-    /// [`occluded`](Self::occluded) of the segments from `origin` to each target. Pays off where they point alike: from a
-    /// light to a tile of receivers.
+    /// [`occluded`](Self::occluded) of the segments from `origin` to each target. Pays off where they point
+    /// alike: from a light to a tile of receivers.
     ///
     /// # Panics
     /// If the slices differ in length.

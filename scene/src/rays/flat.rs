@@ -1,7 +1,7 @@
 //! A scene's geometry as plain arrays: for whoever traces rays elsewhere, on a GPU as a rule.
 //!
-//! Binary trees in the layout of `obvhs`' small nodes, which are easy to make wide, to quantise and to upload: what
-//! a device makes of them is its own business.
+//! Binary trees in the layout of `obvhs`' small nodes, which are easy to make wide, to quantise and to
+//! upload: what a device makes of them is its own business.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec3, Vec3A};
@@ -26,7 +26,8 @@ pub struct FlatNode {
     pub count: u32,
     /// Highest corner.
     pub max: [f32; 3],
-    /// Of a leaf, its first entry in [`FlatTree::order`]; otherwise the first child, the second comes after it.
+    /// Of a leaf, its first entry in [`FlatTree::order`]; otherwise the first child, the second comes after
+    /// it.
     pub first: u32,
 }
 
@@ -59,10 +60,12 @@ pub struct FlatInstance {
     pub to_world: Affine3A,
 }
 
-/// A scene's geometry in plain arrays, exactly what [`SceneRays`](crate::SceneRays) traces, but for the holes of alpha masks.
+/// A scene's geometry in plain arrays, exactly what [`SceneRays`](crate::SceneRays) traces, but for the holes
+/// of alpha masks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatRays {
-    /// One mesh with all triangles in world space, or one for each mesh of the scene, empty where that stands nowhere.
+    /// One mesh with all triangles in world space, or one for each mesh of the scene, empty where that stands
+    /// nowhere.
     pub meshes: Vec<FlatMesh>,
     /// One in place of all, or one for each instance of the scene.
     pub instances: Vec<FlatInstance>,

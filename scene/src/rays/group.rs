@@ -1,8 +1,9 @@
 //! Up to 64 rays from one point through the tree together: from a light to a tile of receivers.
 //!
-//! Rays of one octant share which planes they enter first, so one interval test, on the smallest and largest inverse
-//! direction, rejects children for all of them; what is left is tested 8 rays at once. The rays that are still
-//! concerned travel with each link as a mask. Triangles are tested ray by ray, so answers are those of single rays.
+//! Rays of one octant share which planes they enter first, so one interval test, on the smallest and largest
+//! inverse direction, rejects children for all of them; what is left is tested 8 rays at once. The rays that
+//! are still concerned travel with each link as a mask. Triangles are tested ray by ray, so answers are those
+//! of single rays.
 
 /// Rays that walk together: the bits of a mask.
 pub(super) const GROUP: usize = 64;

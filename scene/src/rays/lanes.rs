@@ -1,8 +1,8 @@
 //! Eight numbers at a time, twice: the operations that the traversal is written in.
 //!
-//! Products are never fused with sums except in [`slab`](pair::slab), whose rounding the padding of the ray covers: the
-//! triangle test depends on `a·b - c·d` being the exact negative of `c·d - a·b`.
-//! `min` and `max` give their second operand where the first is not a number.
+//! Products are never fused with sums except in [`slab`](pair::slab), whose rounding the padding of the ray
+//! covers: the triangle test depends on `a·b - c·d` being the exact negative of `c·d - a·b`. `min` and `max`
+//! give their second operand where the first is not a number.
 
 /// Two glam vectors: safe, SSE2 on x86-64, NEON on ARM.
 pub(super) mod pair {

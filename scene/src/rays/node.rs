@@ -20,7 +20,8 @@ pub(super) const MAX_PACKETS: usize = FIRST as usize;
 
 /// Where a traversal goes next: the index of a node, or a leaf's packets.
 ///
-/// Bit 31: a leaf, then bit 30: two packets rather than one, bit 29: some of its triangles are masked, below: first packet.
+/// Bit 31: a leaf, then bit 30: two packets rather than one, bit 29: some of its triangles are masked, below:
+/// first packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Link(pub u32);
 
@@ -51,8 +52,8 @@ impl Link {
     }
 }
 
-/// Eight child boxes as rows, `planes[axis][0 = low, 1 = high][child]`: 224 of 256 bytes. Empty slots are inverted
-/// boxes, which nothing hits, so they need no mask.
+/// Eight child boxes as rows, `planes[axis][0 = low, 1 = high][child]`: 224 of 256 bytes. Empty slots are
+/// inverted boxes, which nothing hits, so they need no mask.
 #[repr(C, align(64))]
 #[derive(Clone, Debug)]
 pub(super) struct Node {

@@ -1,5 +1,5 @@
-//! What the wide tree is compared with: every triangle, or obvhs' own traversal where that would take too long, one at a
-//! time, by the same test written out again in scalars.
+//! What the wide tree is compared with: every triangle, or obvhs' own traversal where that would take too
+//! long, one at a time, by the same test written out again in scalars.
 
 use glam::{Vec3, Vec3A};
 use lighttree::{Ray, RayHit, Segment};
@@ -41,7 +41,8 @@ impl Oracle {
         Self { bvh: None, ..Self::obvhs(triangles) }
     }
 
-    /// Lets obvhs find the triangles to be tested: origins not far outside of them, since its slabs are not padded per ray.
+    /// Lets obvhs find the triangles to be tested: origins not far outside of them, since its slabs are not
+    /// padded per ray.
     pub(super) fn obvhs(triangles: &[[Vec3; 3]]) -> Self {
         let scale = Scale::of(triangles.iter().flatten().fold(0.0f32, |m, v| m.max(v.abs().max_element())));
         let triangles: Vec<_> = triangles.iter().map(|t| t.map(|v| v * scale.factor)).collect();

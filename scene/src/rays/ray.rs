@@ -6,8 +6,8 @@ use lighttree::{Ray, Segment};
 use super::group::GROUP;
 use super::node::STACK;
 
-/// How far slabs are padded, in units of the rounding of the largest coordinate: the subtractions, products and
-/// quotients of slab and triangle test together round by less than six of them.
+/// How far slabs are padded, in units of the rounding of the largest coordinate: the subtractions, products
+/// and quotients of slab and triangle test together round by less than six of them.
 pub(super) const PADDING: f32 = 8.0 * f32::EPSILON;
 
 /// Directions in the tree's own scale below this are lengthened, or their inverses would overflow.
@@ -26,7 +26,8 @@ pub struct Scratch {
     pub(super) top_group: TopGroup,
 }
 
-/// What rays that walk together through the tree over instances need, while [`Scratch::group`] is used inside a mesh. Grows once.
+/// What rays that walk together through the tree over instances need, while [`Scratch::group`] is used inside
+/// a mesh. Grows once.
 #[derive(Default)]
 pub(super) struct TopGroup {
     pub(super) stack: Vec<(u32, u64)>,
@@ -54,8 +55,8 @@ impl Default for Scratch {
 
 /// A ray in the tree's own scale with all that does not change on its way.
 ///
-/// `enter` and `leave` are the origin moved outwards on both sides of every slab. That is the padding: per ray rather
-/// than per box, so it is right for origins far outside too, and costs nothing in the loop.
+/// `enter` and `leave` are the origin moved outwards on both sides of every slab. That is the padding: per
+/// ray rather than per box, so it is right for origins far outside too, and costs nothing in the loop.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Traced {
     pub(super) origin: [f32; 3],
@@ -81,7 +82,8 @@ pub(super) struct Traced {
 pub(super) struct Scale {
     /// A power of two.
     pub(super) factor: f32,
-    /// Largest coordinate of the tree in its own scale, in [0.5, 1) (0 of an empty tree); with `PADDING` in the slabs.
+    /// Largest coordinate of the tree in its own scale, in [0.5, 1) (0 of an empty tree); with `PADDING` in
+    /// the slabs.
     pub(super) reach: f32,
     /// [`PADDING`], a parameter so that a test can see what happens without.
     pub(super) padding: f32,
@@ -106,7 +108,8 @@ fn power_of_two(e: i32) -> f32 {
     f32::from_bits(((e.clamp(-126, 127) + 127) as u32) << 23)
 }
 
-/// What a ray's `t` is multiplied by to become the tree's, a power of two. In f64, where the quotient of two such can't overflow.
+/// What a ray's `t` is multiplied by to become the tree's, a power of two. In f64, where the quotient of two
+/// such can't overflow.
 #[derive(Clone, Copy)]
 pub(super) struct Unit(f64);
 
@@ -135,8 +138,8 @@ impl Traced {
         Self::new(origin, direction, 1.0, scale)
     }
 
-    /// A ray and the unit of its `t`. The direction is brought to a length near 1 by a power of two, so `t` cannot overflow
-    /// inside the tree whatever the direction's length.
+    /// A ray and the unit of its `t`. The direction is brought to a length near 1 by a power of two, so `t`
+    /// cannot overflow inside the tree whatever the direction's length.
     #[inline(always)]
     pub(super) fn ray(ray: &Ray, scale: &Scale) -> Option<(Self, Unit)> {
         let length = ray.direction.abs().max_element();
@@ -164,8 +167,9 @@ impl Traced {
         } else {
             2
         };
-        // All three axes in one register: four scalar divisions are a tenth of what a short ray costs. A relative floor: infinities
-        // would meet in `plane · inverse - scaled`. It bends the ray by 1e-12 of its length at most, and leaves the dominant axis as it is.
+        // All three axes in one register: four scalar divisions are a tenth of what a short ray costs. A
+        // relative floor: infinities would meet in `plane · inverse - scaled`. It bends the ray by 1e-12 of
+        // its length at most, and leaves the dominant axis as it is.
         let towards = direction.extend(0.0);
         let inverse = towards.abs().max(Vec4::splat(1e-12 * a[z])).copysign(towards).recip();
         let far = o[0].abs().max(o[1].abs()).max(o[2].abs());

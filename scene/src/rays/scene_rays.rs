@@ -17,8 +17,8 @@ use crate::{Geometry, Scene};
 /// How a scene is made ready for rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RaysParams {
-    /// Up to so many triangles, instances are written out in world space, which is fastest; with more, meshes and
-    /// instances get a tree each. A million triangles written out hold 65 to 85 MB.
+    /// Up to so many triangles, instances are written out in world space, which is fastest; with more, meshes
+    /// and instances get a tree each. A million triangles written out hold 65 to 85 MB.
     pub max_flattened: u64,
 }
 
@@ -31,10 +31,11 @@ impl Default for RaysParams {
 
 /// A scene as rays see it. Implements [`RayQueries`].
 ///
-/// Primitives are the triangles of all instances, one after the other in the scene's order; both sides count. Every
-/// triangle stops rays, also one that transmits, except where an alpha mask has a hole. Segments, in every kind of query, also pass
-/// blended surfaces where alpha is below [`Material::SOLID_ALPHA`](crate::Material::SOLID_ALPHA), emitters excepted.
-/// A scene without holes pays nothing for them.
+/// Primitives are the triangles of all instances, one after the other in the scene's order; both sides count.
+/// Every triangle stops rays, also one that transmits, except where an alpha mask has a hole. Segments, in
+/// every kind of query, also pass blended surfaces where alpha is below
+/// [`Material::SOLID_ALPHA`](crate::Material::SOLID_ALPHA), emitters excepted. A scene without holes pays
+/// nothing for them.
 #[derive(Clone, Debug)]
 pub struct SceneRays {
     tree: Tree,
@@ -106,8 +107,8 @@ impl SceneRays {
         self.surfaces.at(scene, instance, triangle, [hit.u, hit.v], -ray.direction)
     }
 
-    /// The surface at barycentric (`u`, `v`) of a triangle, seen from the direction `toward`: for points that no ray has
-    /// found, on lights as a rule.
+    /// The surface at barycentric (`u`, `v`) of a triangle, seen from the direction `toward`: for points that
+    /// no ray has found, on lights as a rule.
     ///
     /// # Panics
     /// If there is no such triangle.
@@ -122,7 +123,8 @@ impl SceneRays {
         self.surfaces.at(scene, instance, triangle, uv, toward)
     }
 
-    /// [`Surface::error`] of all points of a triangle: for those who compute positions themselves, once per light.
+    /// [`Surface::error`] of all points of a triangle: for those who compute positions themselves, once per
+    /// light.
     ///
     /// # Panics
     /// If there is no such triangle.
@@ -154,7 +156,8 @@ impl SceneRays {
         tree + self.primitives.bytes() + self.alpha.bytes() + self.surfaces.bytes()
     }
 
-    /// Uses `path`, or the portable one where this processor lacks it: for tests and benches, since answers are the same.
+    /// Uses `path`, or the portable one where this processor lacks it: for tests and benches, since answers
+    /// are the same.
     pub fn set_path(&mut self, path: Path) {
         match &mut self.tree {
             Tree::Flattened(tree) => tree.set_path(path),

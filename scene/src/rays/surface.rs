@@ -4,13 +4,15 @@ use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use crate::{Instance, Mesh, Scene};
 
-/// Roundings that a point on a triangle and a ray that leaves it may be off by together, in units of [`f32::EPSILON`] times
-/// coordinate plus length times slenderness (see [`Surface::error`]). Over 20 million rays from triangles
-/// of slenderness 1 to 10⁵, near the origin and far from it, one unit was always enough.
+/// Roundings that a point on a triangle and a ray that leaves it may be off by together, in units of
+/// [`f32::EPSILON`] times coordinate plus length times slenderness (see [`Surface::error`]). Over 20 million
+/// rays from triangles of slenderness 1 to 10⁵, near the origin and far from it, one unit was always enough.
 const ROUNDINGS: f32 = 2.0;
-/// The same for two levels, whose rays are rounded once more in the mesh's space; two units were always enough.
+/// The same for two levels, whose rays are rounded once more in the mesh's space; two units were always
+/// enough.
 const ROUNDINGS_TWO_LEVEL: f32 = 4.0;
-/// Slenderness beyond which errors no longer grow with it: they end at a fraction of the triangle's own length.
+/// Slenderness beyond which errors no longer grow with it: they end at a fraction of the triangle's own
+/// length.
 const MOST_SLENDER: f64 = 1e4;
 
 /// A point on a triangle of a scene, in world space.
@@ -18,10 +20,12 @@ const MOST_SLENDER: f64 = 1e4;
 pub struct Surface {
     /// World space.
     pub position: Vec3,
-    /// Unit normal of the triangle on its front, from where its corners run counter-clockwise (clockwise where the
-    /// instance is mirrored, as glTF has it). The direction asked from, where the triangle has no area.
+    /// Unit normal of the triangle on its front, from where its corners run counter-clockwise (clockwise
+    /// where the instance is mirrored, as glTF has it). The direction asked from, where the triangle has no
+    /// area.
     pub geometric_normal: Vec3,
-    /// Unit interpolated vertex normal, on the front like `geometric_normal`; equal to it without vertex normals.
+    /// Unit interpolated vertex normal, on the front like `geometric_normal`; equal to it without vertex
+    /// normals.
     pub shading_normal: Vec3,
     /// `TEXCOORD_0`, untransformed; zero where there is none.
     pub uv: Vec2,
@@ -35,16 +39,18 @@ pub struct Surface {
     pub triangle: u32,
     /// Seen from its front.
     pub front: bool,
-    /// Upper bound of the distance along `geometric_normal` by which rounding may have moved the point off its triangle, or
-    /// may let a ray that leaves it think so; in the scene's length unit. In proportion to the triangle's largest
-    /// coordinate, for that is what positions round by, plus its longest edge times its slenderness (longest edge by
-    /// height), for in thin triangles the test's weights are ill conditioned.
+    /// Upper bound of the distance along `geometric_normal` by which rounding may have moved the point off
+    /// its triangle, or may let a ray that leaves it think so; in the scene's length unit. In proportion to
+    /// the triangle's largest coordinate, for that is what positions round by, plus its longest edge times
+    /// its slenderness (longest edge by height), for in thin triangles the test's weights are ill
+    /// conditioned.
     pub error: f32,
 }
 
 impl Surface {
-    /// Where a ray into direction `toward` (any length) starts: off the surface by its own rounding error, on the side of
-    /// the triangle that the ray goes to. There is no epsilon in it: scaling the scene scales the offset.
+    /// Where a ray into direction `toward` (any length) starts: off the surface by its own rounding error, on
+    /// the side of the triangle that the ray goes to. There is no epsilon in it: scaling the scene scales the
+    /// offset.
     pub fn offset(&self, toward: Vec3) -> Vec3 {
         offset(self.position, self.geometric_normal, self.error, toward)
     }
@@ -65,7 +71,8 @@ impl Surface {
     }
 }
 
-/// [`Surface::offset`] for a point whose error is known by [`SceneRays::surface_error`](crate::SceneRays::surface_error).
+/// [`Surface::offset`] for a point whose error is known by
+/// [`SceneRays::surface_error`](crate::SceneRays::surface_error).
 pub fn offset(position: Vec3, normal: Vec3, error: f32, toward: Vec3) -> Vec3 {
     position + error.copysign(normal.dot(toward)) * normal
 }
@@ -182,17 +189,18 @@ impl Surfaces {
     }
 }
 
-/// Bound of [`Surface::error`] for a triangle in world space whatever tree holds it, given twice its area: for those who
-/// know no more of it, because it is a light.
+/// Bound of [`Surface::error`] for a triangle in world space whatever tree holds it, given twice its area:
+/// for those who know no more of it, because it is a light.
 ///
-/// Coordinates in the mesh's own space may be up to 8 times those in the world; a mesh modelled farther from its own
-/// origin than that is beyond it where it is in a tree of two levels.
+/// Coordinates in the mesh's own space may be up to 8 times those in the world; a mesh modelled farther from
+/// its own origin than that is beyond it where it is in a tree of two levels.
 pub(crate) fn error_in_world(corners: &[Vec3; 3], double_area: f64) -> f32 {
     let coordinate = corners.iter().fold(0.0f32, |m, p| m.max(p.abs().max_element()));
     ROUNDINGS_TWO_LEVEL * f32::EPSILON * (16.0 * coordinate + ill_conditioned(corners, double_area))
 }
 
-/// Longest edge times slenderness: how far the weights of a thin triangle may carry a point along it, in roundings.
+/// Longest edge times slenderness: how far the weights of a thin triangle may carry a point along it, in
+/// roundings.
 fn ill_conditioned(corners: &[Vec3; 3], double_area: f64) -> f32 {
     let [a, b, c] = corners.map(|p| p.as_dvec3());
     let squared = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());

@@ -1,12 +1,12 @@
 //! Triangles in packets of eight, and the test of a ray against a packet.
 //!
-//! Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013: translate to the origin, shear the
-//! ray into its dominant axis, and ask on which side of the three projected edges the origin lies.
+//! Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013: translate to the origin,
+//! shear the ray into its dominant axis, and ask on which side of the three projected edges the origin lies.
 //!
-//! Differs from the paper: edges are inclusive (`>= 0`), so an edge function that rounds to zero is accepted and
-//! no double-precision fallback is needed; the accepted set only grows. What is left open is a
-//! triangle edge-on to the ray (all three zero), which its neighbours cover. No axis is swapped to keep
-//! the winding: both sides of a triangle are hit.
+//! Differs from the paper: edges are inclusive (`>= 0`), so an edge function that rounds to zero is accepted
+//! and no double-precision fallback is needed; the accepted set only grows. What is left open is a triangle
+//! edge-on to the ray (all three zero), which its neighbours cover. No axis is swapped to keep the winding:
+//! both sides of a triangle are hit.
 
 use glam::Vec3;
 
@@ -37,7 +37,8 @@ impl HitFilter for AcceptAll {
     }
 }
 
-/// Eight triangles as rows, `vertex[corner][axis][lane]`, 320 bytes. Empty lanes are NaN, which no comparison accepts.
+/// Eight triangles as rows, `vertex[corner][axis][lane]`, 320 bytes. Empty lanes are NaN, which no comparison
+/// accepts.
 #[repr(C, align(32))]
 #[derive(Clone, Debug)]
 pub(super) struct Packet {
@@ -74,8 +75,8 @@ impl Packet {
         filter.accepts(self.primitive(lane), u, v)
     }
 
-    /// Weights of the second and third vertex where `ray` meets the triangle in `lane`, which it must: the operations
-    /// of the test, one lane at a time.
+    /// Weights of the second and third vertex where `ray` meets the triangle in `lane`, which it must: the
+    /// operations of the test, one lane at a time.
     pub(super) fn barycentric(&self, lane: usize, ray: &super::ray::Traced) -> [f32; 2] {
         let [kx, ky, kz] = ray.axis;
         let [sx, sy, _] = ray.shear;

@@ -1,8 +1,9 @@
-//! A tree per mesh and a tree over instances: for scenes that would be too large with every instance written out.
+//! A tree per mesh and a tree over instances: for scenes that would be too large with every instance written
+//! out.
 //!
-//! A ray is taken into the mesh's space in f64 with its parameter unchanged, so any invertible affine map will do,
-//! mirrored or sheared, and distances of different instances compare. Answers are those of the flattened scene up to
-//! rounding.
+//! A ray is taken into the mesh's space in f64 with its parameter unchanged, so any invertible affine map
+//! will do, mirrored or sheared, and distances of different instances compare. Answers are those of the
+//! flattened scene up to rounding.
 
 use glam::{Affine3A, DAffine3, DVec3, Vec3, Vec3A};
 use lighttree::{Ray, RayHit, Segment};
@@ -120,8 +121,8 @@ impl TwoLevel {
         blocker
     }
 
-    /// [`occluded`](Self::occluded) of the segments from `from` to each target, up to 64 at once: a node of the tree over instances is visited once for all
-    /// that meet it, and so is each mesh.
+    /// [`occluded`](Self::occluded) of the segments from `from` to each target, up to 64 at once: a node of
+    /// the tree over instances is visited once for all that meet it, and so is each mesh.
     pub(super) fn occluded_from(
         &self,
         from: Vec3,
@@ -313,8 +314,8 @@ impl TwoLevel {
         }
     }
 
-    /// Visits the instances whose boxes the ray meets, nearest first. `visit` says where the ray now ends, in the tree's own
-    /// unit; at 0 the walk is over.
+    /// Visits the instances whose boxes the ray meets, nearest first. `visit` says where the ray now ends, in
+    /// the tree's own unit; at 0 the walk is over.
     fn walk(&self, ray: &Traced, scratch: &mut Scratch, mut visit: impl FnMut(u32, &mut Scratch) -> f32) {
         let (mut link, mut sp, mut t_max) = (Link::ROOT, 0usize, ray.t_max);
         loop {
@@ -377,8 +378,8 @@ pub(super) fn inverse(map: DAffine3) -> Option<DAffine3> {
     (det != 0.0 && inverse.is_finite()).then_some(inverse)
 }
 
-/// World-space box of transformed points, padded by the rounding of coordinates on both sides of the map: the mesh may
-/// lie far from its own origin and be brought back by the map.
+/// World-space box of transformed points, padded by the rounding of coordinates on both sides of the map: the
+/// mesh may lie far from its own origin and be brought back by the map.
 pub(super) fn world_box(points: &[Vec3], map: DAffine3) -> Aabb {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let mut largest = DVec3::ZERO;

@@ -75,8 +75,9 @@ fn with_strict_edges_rays_leak() {
     assert!(leaked > 0, "the test sees no leak where there must be some");
 }
 
-/// Coordinates that coincide often: whole numbers, powers of two, the odd arbitrary one. Within a factor of 10⁶, so that no
-/// triangle is so small beside its distance from a ray that the test itself knows nothing (see the module `rays`).
+/// Coordinates that coincide often: whole numbers, powers of two, the odd arbitrary one. Within a factor of
+/// 10⁶, so that no triangle is so small beside its distance from a ray that the test itself knows nothing
+/// (see the module `rays`).
 fn coordinate() -> impl Strategy<Value = f32> {
     prop_oneof![
         4 => (-3i8..=3).prop_map(f32::from),
@@ -92,8 +93,8 @@ fn point() -> impl Strategy<Value = Vec3> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
 
-    /// Few and many triangles, degenerate ones among them, rays along axes and in planes: every query of every path
-    /// gives the oracle's answer to the bit.
+    /// Few and many triangles, degenerate ones among them, rays along axes and in planes: every query of
+    /// every path gives the oracle's answer to the bit.
     #[test]
     fn every_query_agrees_with_the_oracle(
         triangles in prop::collection::vec([point(), point(), point()], 0..120),

@@ -19,10 +19,11 @@ pub struct Counts {
     pub cuts: u64,
     /// Points or samples for which a method fell back to another.
     pub fallbacks: u64,
-    /// Contributions cut off by a clamp that was asked for, or at zero by a method whose approximation may go below it.
+    /// Contributions cut off by a clamp that was asked for, or at zero by a method whose approximation may go
+    /// below it.
     pub clamped: u64,
-    /// Luminance that this took away, summed over samples as they would have entered the picture; divide by [`samples`](Self::samples). Below zero
-    /// where what was cut off was negative.
+    /// Luminance that this took away, summed over samples as they would have entered the picture; divide by
+    /// [`samples`](Self::samples). Below zero where what was cut off was negative.
     pub clamped_luminance: f64,
     /// Samples that were infinite or not a number and are left out of the mean.
     pub non_finite: u64,

@@ -14,12 +14,13 @@ pub struct Frame<'a, Q> {
     pub scene: &'a Scene,
     /// Rays against that geometry.
     pub rays: &'a Q,
-    /// Lights with a place: the scene's own, or those and virtual ones after them. The list that a light tree is built over.
+    /// Lights with a place: the scene's own, or those and virtual ones after them. The list that a light tree
+    /// is built over.
     pub lights: &'a [Light],
     /// The user's seed: of camera rays, particles and paths.
     pub seed: u32,
-    /// Seed of what methods of direct light draw: lights, and places on them. [`seed`](Self::seed) as a rule; another one
-    /// gives an independent picture of the very same camera rays.
+    /// Seed of what methods of direct light draw: lights, and places on them. [`seed`](Self::seed) as a rule;
+    /// another one gives an independent picture of the very same camera rays.
     pub light_seed: u32,
     /// Largest geometry term of a virtual point light, per squared length unit; infinite: no clamp.
     pub vpl_clamp: f32,
@@ -47,24 +48,26 @@ impl<'a, Q> Frame<'a, Q> {
     }
 }
 
-/// A method of direct lighting: what all lights of [`Frame::lights`] send from a point to the viewer, estimated or exact.
+/// A method of direct lighting: what all lights of [`Frame::lights`] send from a point to the viewer,
+/// estimated or exact.
 pub trait DirectLighting<Q: Geometry>: Sync {
     /// Memory that a thread reuses from call to call.
     type Scratch: Default + Send;
 
-    /// The pixels of another unit of work follow, by their indices: all their camera samples are shaded before the next unit's. What a method
-    /// learns from one sample for the next it has to forget here.
+    /// The pixels of another unit of work follow, by their indices: all their camera samples are shaded
+    /// before the next unit's. What a method learns from one sample for the next it has to forget here.
     fn begin_unit(&self, pixels: &[u32], scratch: &mut Self::Scratch) {
         let _ = (pixels, scratch);
     }
 
-    /// All camera samples of the unit were shaded. What is kept for later frames may be taken from here; of this frame it must not show.
+    /// All camera samples of the unit were shaded. What is kept for later frames may be taken from here; of
+    /// this frame it must not show.
     fn end_unit(&self, scratch: &mut Self::Scratch) {
         let _ = scratch;
     }
 
-    /// Adds to `radiance[i]`, W·m⁻²·sr⁻¹ per channel, what the lights give at `points[i]`, with shadows and without
-    /// [`ShadingPoint::throughput`]. Points are those of one square of pixels where possible, so that
+    /// Adds to `radiance[i]`, W·m⁻²·sr⁻¹ per channel, what the lights give at `points[i]`, with shadows and
+    /// without [`ShadingPoint::throughput`]. Points are those of one square of pixels where possible, so that
     /// shadow rays can be shared; at most [`TILE`](super::TILE)² of them, all of different pixels.
     ///
     /// Must be a function of its arguments alone: no memory of other units may show in the result.
@@ -94,7 +97,8 @@ pub trait IndirectLighting<Q: Geometry>: Sync {
         let _ = scratch;
     }
 
-    /// Radiance that leaves `point` towards the viewer after at least one more bounce, W·m⁻²·sr⁻¹, without its throughput.
+    /// Radiance that leaves `point` towards the viewer after at least one more bounce, W·m⁻²·sr⁻¹, without
+    /// its throughput.
     fn radiance(
         &self,
         frame: &Frame<'_, Q>,

@@ -7,7 +7,8 @@ use lighttree::rng::Random;
 use super::{RenderParams, TILE};
 use crate::shading::Purpose;
 
-/// Side of the block of pixels whose tiles come one after the other: what methods remember of one row of tiles is of use to the next.
+/// Side of the block of pixels whose tiles come one after the other: what methods remember of one row of
+/// tiles is of use to the next.
 const BLOCK: u32 = 8 * TILE;
 
 /// Pixels in the order in which they are rendered, and where each unit's are.

@@ -1,5 +1,5 @@
-//! A host as dumb as possible: every ray against every triangle, in double precision. Independent of `scene`'s rays, so that
-//! the renderer's tests do not rest on what they do not test.
+//! A host as dumb as possible: every ray against every triangle, in double precision. Independent of
+//! `scene`'s rays, so that the renderer's tests do not rest on what they do not test.
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part")]
 
 use glam::{DVec3, Vec2, Vec3};

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use image::ImageEncoder;
 
-/// A glTF asset under construction: one buffer, views and accessors that fill it, and any other top-level members.
+/// A glTF asset under construction: one buffer, views and accessors that fill it, and any other top-level
+/// members.
 #[derive(Clone, Default)]
 pub(crate) struct Asset {
     pub(crate) bin: Vec<u8>,
@@ -83,7 +84,8 @@ impl Asset {
     }
 }
 
-/// One triangle in the plane z = 0 with texture coordinates, one mesh, one node, one material of `material` JSON.
+/// One triangle in the plane z = 0 with texture coordinates, one mesh, one node, one material of `material`
+/// JSON.
 pub(crate) fn triangle(material: &str) -> Asset {
     let mut asset = Asset::default();
     let positions = asset.floats(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);

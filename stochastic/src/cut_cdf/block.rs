@@ -1,22 +1,26 @@
-//! One cut for a block of pixels, a distribution for each pixel, and what is learned from one sample to the next.
+//! One cut for a block of pixels, a distribution for each pixel, and what is learned from one sample to the
+//! next.
 //!
-//! The camera samples of one pixel see nearly the same place, so a distribution made for the first of them serves the others,
-//! too, and costs next to nothing when there are many. Where a sample sees something else, at a silhouette or across the edge of another
-//! material, it gets another.
+//! The camera samples of one pixel see nearly the same place, so a distribution made for the first of them
+//! serves the others, too, and costs next to nothing when there are many. Where a sample sees something else,
+//! at a silhouette or across the edge of another material, it gets another.
 //!
 //! # Why learning leaves no bias
-//! A pass is one camera sample of every pixel of the block. Passes are grouped into phases, which begin with pass 0, 1, 4, 16, 64 and so on;
-//! distributions take what was learned before their phase, and stay what they are until its end. So given all earlier phases a distribution is
-//! fixed, and as long as random numbers of a phase are independent of those before it, each sample is unbiased by itself. Within
-//! a phase the numbers of one pixel may be as regular as one likes; between phases they must not go on with the
-//! same sequence, for then a distribution would depend on numbers that are drawn from it.
+//! A pass is one camera sample of every pixel of the block. Passes are grouped into phases, which begin with
+//! pass 0, 1, 4, 16, 64 and so on; distributions take what was learned before their phase, and stay what they
+//! are until its end. So given all earlier phases a distribution is fixed, and as long as random numbers of a
+//! phase are independent of those before it, each sample is unbiased by itself. Within a phase the numbers of
+//! one pixel may be as regular as one likes; between phases they must not go on with the same sequence, for
+//! then a distribution would depend on numbers that are drawn from it.
 //!
 //! # Where it does not pay
-//! A new phase breaks the sequence, and where little is hidden that costs more than learning saves: in an open hall a quarter of the variance against a tenth. So
-//! the block looks after its first pass at how much single samples vary beyond what the nodes' estimates say, and begins a second phase only where that
-//! is much; otherwise its first goes on until pass 64, as if nothing were learned. That decision must not depend on the sequences that go on with it. So
-//! the pixels are two halves, as the fields of a chessboard, and each half asks the samples of the other. Those are of the first pass, which nothing was
-//! learned for; so what one half goes on with depends on the other's numbers alone, and each of its samples is unbiased as before.
+//! A new phase breaks the sequence, and where little is hidden that costs more than learning saves: in an
+//! open hall a quarter of the variance against a tenth. So the block looks after its first pass at how much
+//! single samples vary beyond what the nodes' estimates say, and begins a second phase only where that is
+//! much; otherwise its first goes on until pass 64, as if nothing were learned. That decision must not depend
+//! on the sequences that go on with it. So the pixels are two halves, as the fields of a chessboard, and each
+//! half asks the samples of the other. Those are of the first pass, which nothing was learned for; so what
+//! one half goes on with depends on the other's numbers alone, and each of its samples is unbiased as before.
 
 use glam::Vec3;
 use lighttree::{LightHierarchy, Receiver, ScatterLobes};
@@ -30,13 +34,16 @@ const WAYS: usize = 2;
 /// Normals within this cosine share a distribution.
 const SAME_NORMAL: f32 = 0.95;
 
-/// Places share a distribution that are this much nearer than the lights: squared distance over squared distance.
+/// Places share a distribution that are this much nearer than the lights: squared distance over squared
+/// distance.
 const SAME_PLACE: f64 = 0.01;
 
-/// Surfaces share a distribution whose lobes' squared widths are within this factor, and their diffuse parts beside their lobes, too.
+/// Surfaces share a distribution whose lobes' squared widths are within this factor, and their diffuse parts
+/// beside their lobes, too.
 const SAME_SCATTER: f32 = 1.5;
 
-/// Lobes share a distribution whose axes are nearer to each other than this: squared distance over squared width.
+/// Lobes share a distribution whose axes are nearer to each other than this: squared distance over squared
+/// width.
 const SAME_AXIS: f32 = 0.25;
 
 /// Samples whose relative variance is above this make a half of a block learn after its first pass.
@@ -45,7 +52,8 @@ const PAYS: f64 = 0.6;
 /// From this pass on all learn: what a break of the sequence costs is little then.
 const ALL_LEARN: u32 = 64;
 
-/// A cut and the distributions of a block of pixels: (16 bytes × pixels + 92) a node, for two distributions a pixel.
+/// A cut and the distributions of a block of pixels: (16 bytes × pixels + 92) a node, for two distributions a
+/// pixel.
 #[derive(Debug, Default)]
 pub struct BlockCdfs {
     cut: SharedCut,
@@ -105,8 +113,8 @@ pub struct Prepared<'a> {
 }
 
 impl BlockCdfs {
-    /// Forgets everything, and begins a block of so many pixels. With `learn`, what shadow rays find is learned, and this share of each distribution, in
-    /// [0, 1], stays without it.
+    /// Forgets everything, and begins a block of so many pixels. With `learn`, what shadow rays find is
+    /// learned, and this share of each distribution, in [0, 1], stays without it.
     pub fn begin(&mut self, pixels: usize, learn: Option<f32>) {
         if self.entries.len() < WAYS * pixels {
             self.entries.resize_with(WAYS * pixels, Entry::default);
@@ -128,8 +136,9 @@ impl BlockCdfs {
         }
     }
 
-    /// Begins the next pass, for these receivers: positions and normals. The first chooses the cut, of at most `nodes` nodes, and recalls what
-    /// an `earlier` frame learned in this place. Returns whether a cut was chosen.
+    /// Begins the next pass, for these receivers: positions and normals. The first chooses the cut, of at
+    /// most `nodes` nodes, and recalls what an `earlier` frame learned in this place. Returns whether a cut
+    /// was chosen.
     pub fn begin_pass<T: LightHierarchy>(
         &mut self,
         tree: &T,
@@ -167,7 +176,8 @@ impl BlockCdfs {
         Some(KeptBlock::of(tree, self.group?, &self.cut, self.told.as_ref()?))
     }
 
-    /// How many passes of this pixel's phase came before this one. Where nothing is learned there is one phase.
+    /// How many passes of this pixel's phase came before this one. Where nothing is learned there is one
+    /// phase.
     pub const fn pass_of_phase(&self, pixel: usize) -> u32 {
         self.halves[half_of(pixel)].phases.pass_of_phase()
     }
@@ -182,8 +192,9 @@ impl BlockCdfs {
         self.built
     }
 
-    /// The distribution of a receiver of the pixel with this number, below that given to [`begin`](Self::begin): one made before if the
-    /// receiver is about where that was and scatters alike, otherwise a new one.
+    /// The distribution of a receiver of the pixel with this number, below that given to
+    /// [`begin`](Self::begin): one made before if the receiver is about where that was and scatters alike,
+    /// otherwise a new one.
     ///
     /// `normal` is the receiver's own, unit.
     ///
@@ -203,8 +214,8 @@ impl BlockCdfs {
         let first = |fits: &dyn Fn(&Entry) -> bool| ways.iter().position(fits);
         let serves = |entry: &Entry| entry.phase != 0 && entry.serves(position, normal, lobes.as_ref());
         let found = first(&|entry| entry.phase == current && serves(entry));
-        // Otherwise in place of its own of the phase before, whose estimates still hold, of another that is out of date, or of
-        // the second: the first is what most samples see.
+        // Otherwise in place of its own of the phase before, whose estimates still hold, of another that is
+        // out of date, or of the second: the first is what most samples see.
         let known = found.or_else(|| first(&serves));
         let index =
             WAYS * pixel + known.or_else(|| first(&|entry| entry.phase != current)).unwrap_or(WAYS - 1);
@@ -224,7 +235,8 @@ impl BlockCdfs {
         Prepared { cut: &self.cut, cdf, weights }
     }
 
-    /// Notes that a light was drawn for this pixel from below this node. Must not be told of what was not drawn.
+    /// Notes that a light was drawn for this pixel from below this node. Must not be told of what was not
+    /// drawn.
     #[inline]
     pub fn drawn(&mut self, pixel: usize, node: usize) {
         let Some(told) = &mut self.told else { return };
@@ -235,7 +247,8 @@ impl BlockCdfs {
         }
     }
 
-    /// Notes what it gave: its contribution, 0 if it is not seen, ÷ its probability below the node ÷ the node's weight.
+    /// Notes what it gave: its contribution, 0 if it is not seen, ÷ its probability below the node ÷ the
+    /// node's weight.
     #[inline]
     pub fn learn(&mut self, pixel: usize, node: usize, ratio: f32) {
         let Some(told) = &mut self.told else { return };

@@ -1,9 +1,11 @@
-//! Cuts for cells of space, chosen when the first receiver comes to them: for receivers that lie anywhere, as the vertices of paths do.
+//! Cuts for cells of space, chosen when the first receiver comes to them: for receivers that lie anywhere, as
+//! the vertices of paths do.
 //!
-//! A cell is a cube, and one of six classes of normals. Its cut is a function of the cell alone, not of who came first; so it is the
-//! same for every thread, and forgetting it costs time and shows nowhere. What shadow rays tell is kept for one unit of work (a block of
-//! pixels and all paths that begin there), by the same phases as in [`BlockCdfs`](super::BlockCdfs): distributions of a pass depend on passes before it,
-//! so neither probabilities nor the answers for multiple importance sampling change while a pass lasts.
+//! A cell is a cube, and one of six classes of normals. Its cut is a function of the cell alone, not of who
+//! came first; so it is the same for every thread, and forgetting it costs time and shows nowhere. What
+//! shadow rays tell is kept for one unit of work (a block of pixels and all paths that begin there), by the
+//! same phases as in [`BlockCdfs`](super::BlockCdfs): distributions of a pass depend on passes before it, so
+//! neither probabilities nor the answers for multiple importance sampling change while a pass lasts.
 
 use std::collections::HashMap;
 
@@ -20,7 +22,8 @@ pub struct CellParams {
     pub side: f64,
     /// Most nodes of a cut.
     pub nodes: usize,
-    /// Most cells whose cuts are kept, at least 1 (0 counts as 1): about 80 bytes a node each. The one kept longest makes room for a new one.
+    /// Most cells whose cuts are kept, at least 1 (0 counts as 1): about 80 bytes a node each. The one kept
+    /// longest makes room for a new one.
     pub cuts: usize,
     /// Most cells of a unit that learn, 8 bytes a node each; others go by what they are estimated at.
     pub learning: usize,
@@ -64,10 +67,12 @@ impl CellParams {
     }
 }
 
-/// The cuts of cells that paths have come to lately, the distribution of one receiver, and what is learned within one unit of work.
+/// The cuts of cells that paths have come to lately, the distribution of one receiver, and what is learned
+/// within one unit of work.
 ///
-/// One for each thread. A unit of work is what is rendered without looking at other work: a tile of pixels, as a rule. A pass is one camera sample of each
-/// of its pixels; what a pass learns, the passes after it go by. Nothing is allocated once it has grown to what [`CellParams`] allow.
+/// One for each thread. A unit of work is what is rendered without looking at other work: a tile of pixels,
+/// as a rule. A pass is one camera sample of each of its pixels; what a pass learns, the passes after it go
+/// by. Nothing is allocated once it has grown to what [`CellParams`] allow.
 ///
 /// ```
 /// use glam::Vec3;
@@ -139,8 +144,8 @@ pub struct CellTag {
 }
 
 impl CellCdfs {
-    /// Begins a unit of work: forgets what was learned, but not the cuts. With `learn`, what shadow rays find is learned, and this share
-    /// of each distribution, in [0, 1], stays without it.
+    /// Begins a unit of work: forgets what was learned, but not the cuts. With `learn`, what shadow rays find
+    /// is learned, and this share of each distribution, in [0, 1], stays without it.
     pub fn begin(&mut self, learn: Option<f32>) {
         match (learn, &mut self.learned) {
             (None, learned) => *learned = None,
@@ -154,7 +159,8 @@ impl CellCdfs {
         }
     }
 
-    /// Begins the next pass: what the last ones learned counts from now on. Not needed where nothing is learned.
+    /// Begins the next pass: what the last ones learned counts from now on. Not needed where nothing is
+    /// learned.
     pub fn begin_pass(&mut self) {
         if let Some(learned) = &mut self.learned
             && learned.phases.next(true)
@@ -163,8 +169,9 @@ impl CellCdfs {
         }
     }
 
-    /// Makes the distribution of a receiver, with the unit normal by which cells are told apart, or zero. Returns how many nodes
-    /// were looked at, without those looked at to choose a cut: whether there was one is chance.
+    /// Makes the distribution of a receiver, with the unit normal by which cells are told apart, or zero.
+    /// Returns how many nodes were looked at, without those looked at to choose a cut: whether there was one
+    /// is chance.
     pub fn prepare<T: LightHierarchy>(
         &mut self,
         tree: &T,
@@ -201,12 +208,14 @@ impl CellCdfs {
         looked_at
     }
 
-    /// The distribution of the receiver that was prepared last, with a walk of the same tree: draws one light, or says how probable it is.
+    /// The distribution of the receiver that was prepared last, with a walk of the same tree: draws one
+    /// light, or says how probable it is.
     pub fn sampler<'a, T>(&'a self, walk: &'a TreeSampler<'a, T>) -> CutCdf<'a, T> {
         CutCdf { walk, cut: &self.cuts[self.current].1, cdf: &self.cdf }
     }
 
-    /// Notes a draw for the receiver that was prepared last; what it comes back with is for [`learn`](Self::learn).
+    /// Notes a draw for the receiver that was prepared last; what it comes back with is for
+    /// [`learn`](Self::learn).
     pub fn drawn(&mut self, draw: &NodeDraw) -> CellTag {
         let cell = self.learned.as_ref().and_then(|learned| learned.current);
         if let (Some(cell), Some(learned)) = (cell, &mut self.learned) {

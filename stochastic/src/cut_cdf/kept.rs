@@ -1,12 +1,14 @@
 //! What one frame has learned, for the next: visibility of lights from cells of space.
 //!
-//! Lin and Yuksel 2020 keep nothing between frames. Here a block of pixels leaves what its shadow rays told about the nodes of its cut,
-//! filed under where it was in space. A block of the next frame that is in the same place begins with that, as if it had drawn part of these samples
-//! itself: its first distributions know already what is hidden, which matters most with few samples per frame. They are samples of earlier
-//! random numbers, so there is no bias.
+//! Lin and Yuksel 2020 keep nothing between frames. Here a block of pixels leaves what its shadow rays told
+//! about the nodes of its cut, filed under where it was in space. A block of the next frame that is in the
+//! same place begins with that, as if it had drawn part of these samples itself: its first distributions know
+//! already what is hidden, which matters most with few samples per frame. They are samples of earlier random
+//! numbers, so there is no bias.
 //!
-//! Nodes are known by one of their lights and not by their number. So neither has the tree to be the same nor the cut: lights may move and
-//! trees be built anew as long as light ids stay. What has changed is forgotten by and by, since the samples of earlier frames count half.
+//! Nodes are known by one of their lights and not by their number. So neither has the tree to be the same nor
+//! the cut: lights may move and trees be built anew as long as light ids stay. What has changed is forgotten
+//! by and by, since the samples of earlier frames count half.
 
 use std::collections::HashMap;
 
@@ -61,8 +63,8 @@ pub struct VisibilityStore {
 }
 
 impl VisibilityStore {
-    /// Files blocks under cells of this side, in the scene's length unit; positive. Of several blocks in one cell the first is kept: give them in an
-    /// order that does not depend on threads.
+    /// Files blocks under cells of this side, in the scene's length unit; positive. Of several blocks in one
+    /// cell the first is kept: give them in an order that does not depend on threads.
     pub fn new(side: f64, blocks: impl IntoIterator<Item = KeptBlock>) -> Self {
         let mut kept = HashMap::new();
         for KeptBlock { group, nodes } in blocks {

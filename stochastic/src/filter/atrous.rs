@@ -1,15 +1,17 @@
 //! One level of the edge-avoiding à-trous wavelet.
 //!
-//! Dammertz, Sewtz, Hanika and Lensch, "Edge-Avoiding À-Trous Wavelet Transform for Fast Global Illumination Filtering", 2010; with
-//! weights steered by variance: Schied et al. 2017, section 4.4, equations 1 to 5.
+//! Dammertz, Sewtz, Hanika and Lensch, "Edge-Avoiding À-Trous Wavelet Transform for Fast Global Illumination
+//! Filtering", 2010; with weights steered by variance: Schied et al. 2017, section 4.4, equations 1 to 5.
 //!
 //! Differs from them:
-//! - The three edge stops are one exponent: `cos^k` is written as `exp(-k (1 - cos))`, which it is for the small angles that count; and `exp(-x)` is
-//!   `(1 - x/64)^64`, within 2 % of it where it is above 0.2, and exactly 0 beyond 64. So what is over an edge has weight 0 and not nearly.
+//! - The three edge stops are one exponent: `cos^k` is written as `exp(-k (1 - cos))`, which it is for the
+//!   small angles that count; and `exp(-x)` is `(1 - x/64)^64`, within 2 % of it where it is above 0.2, and
+//!   exactly 0 beyond 64. So what is over an edge has weight 0 and not nearly.
 //! - Stops are free of units: no ε is added to the luminance's, and the depth's is a share of the depth.
 //! - [`Mixing::Conserving`] is ours.
 //!
-//! Loops run along rows, over strips of [`STRIP`] pixels for each of the kernel's places in turn, so that the compiler can use vectors.
+//! Loops run along rows, over strips of [`STRIP`] pixels for each of the kernel's places in turn, so that the
+//! compiler can use vectors.
 
 use core::ops::Range;
 
@@ -88,7 +90,8 @@ const KERNEL: [f32; 5] = [1.0 / 16.0, 1.0 / 4.0, 3.0 / 8.0, 1.0 / 4.0, 1.0 / 16.
 /// The weight of a pixel in itself.
 const CENTER: f32 = KERNEL[2] * KERNEL[2];
 
-/// Luminance of each pixel, and σ times its standard deviation, from a variance blurred over 3 × 3 pixels (Schied et al. 2017, section 4.4).
+/// Luminance of each pixel, and σ times its standard deviation, from a variance blurred over 3 × 3 pixels
+/// (Schied et al. 2017, section 4.4).
 fn steer(from: &Signal, sigma: f32, steering: &mut Steering) {
     let (width, height) = (from.width(), from.height());
     steering.resize(width, height);
@@ -140,8 +143,8 @@ impl Sums {
         Self { weight: [0.0; STRIP], rgb: [[0.0; STRIP]; 3], variance: [0.0; STRIP] }
     }
 
-    /// Adds the neighbours `q` at one place to the pixels `p`, the first of which is pixel `at` of the strip. With `SYMMETRIC` the weight of q in p is that of
-    /// p in q, to the bit.
+    /// Adds the neighbours `q` at one place to the pixels `p`, the first of which is pixel `at` of the strip.
+    /// With `SYMMETRIC` the weight of q in p is that of p in q, to the bit.
     fn add<const SYMMETRIC: bool>(
         &mut self,
         at: usize,

@@ -15,7 +15,8 @@ const NORMAL: usize = 3;
 /// The guides of one frame.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Guides {
-    /// Depth, infinite where nothing is filtered; its change per pixel to the right and down; three of the normal.
+    /// Depth, infinite where nothing is filtered; its change per pixel to the right and down; three of the
+    /// normal.
     planes: Planes<6>,
     /// Object of each pixel; all 0 without.
     mesh: Vec<u32>,
@@ -164,10 +165,11 @@ impl GuideStrip<'_> {
         Self { planes: self.planes.map(|row| &row[range.clone()]), mesh: &self.mesh[range] }
     }
 
-    /// How far apart the surfaces of pixel `x` of both are: [`falloff`] makes a weight of it. The same from both sides to the bit; NaN or infinite where one
-    /// is no surface. Objects are not in it.
+    /// How far apart the surfaces of pixel `x` of both are: [`falloff`] makes a weight of it. The same from
+    /// both sides to the bit; NaN or infinite where one is no surface. Objects are not in it.
     ///
-    /// Schied et al. 2017, equations 3 and 4, as exponents. Differs from them: depth counts as far as slopes do not explain it.
+    /// Schied et al. 2017, equations 3 and 4, as exponents. Differs from them: depth counts as far as slopes
+    /// do not explain it.
     #[inline(always)]
     pub(super) fn exponent(&self, q: &GuideStrip<'_>, x: usize, offset: Offset, stops: Stops) -> f32 {
         let p = self;
@@ -177,7 +179,8 @@ impl GuideStrip<'_> {
         let turn = 1.0 - cos;
         let turn = if turn > 0.0 { turn } else { 0.0 };
 
-        // What the slopes of both do not explain: the steps of a plane are no edges, and those of a sphere hardly.
+        // What the slopes of both do not explain: the steps of a plane are no edges, and those of a sphere
+        // hardly.
         let step = |s: &GuideStrip<'_>| s.planes[SLOPE_X][x] * offset.dx + s.planes[SLOPE_Y][x] * offset.dy;
         let (of_p, of_q) = (step(p), step(q));
         let (here, there) = (p.planes[DEPTH][x], q.planes[DEPTH][x]);
@@ -200,7 +203,8 @@ pub(super) fn falloff(exponent: f32) -> f32 {
     (sixteenth * sixteenth) * (sixteenth * sixteenth)
 }
 
-/// Change of depth per pixel: the smaller of the differences to both sides, since the larger may lead over an edge.
+/// Change of depth per pixel: the smaller of the differences to both sides, since the larger may lead over an
+/// edge.
 fn slope(here: f32, before: f32, after: f32) -> f32 {
     let (back, on) = (here - before, after - here);
     match (back.is_finite(), on.is_finite()) {

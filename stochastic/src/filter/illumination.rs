@@ -1,7 +1,8 @@
 //! Radiance without texture: what is filtered, and the way back.
 //!
-//! Schied et al. 2017, section 4.1: dividing by the albedo keeps texture sharp whatever the filter does. Differs from it: emission seen
-//! directly is taken out as well, and values are scaled by a power of two so that squares neither over- nor underflow.
+//! Schied et al. 2017, section 4.1: dividing by the albedo keeps texture sharp whatever the filter does.
+//! Differs from it: emission seen directly is taken out as well, and values are scaled by a power of two so
+//! that squares neither over- nor underflow.
 
 use glam::Vec3;
 
@@ -41,8 +42,8 @@ pub(super) fn scale(input: &FilterInput<'_>, floor: f32) -> f32 {
     f32::from_bits(((127 - exponent) as u32) << 23)
 }
 
-/// Fills `signal` with the scaled illumination, variance 0; what is not finite comes from neighbours. Returns how many colours of surfaces
-/// were not finite.
+/// Fills `signal` with the scaled illumination, variance 0; what is not finite comes from neighbours. Returns
+/// how many colours of surfaces were not finite.
 pub(super) fn demodulate(
     input: &FilterInput<'_>,
     guides: &Guides,
@@ -72,7 +73,8 @@ pub(super) fn demodulate(
     })
 }
 
-/// The mean of the finite values within two pixels of a hole on the same object, or else of any surface; 0 without any.
+/// The mean of the finite values within two pixels of a hole on the same object, or else of any surface; 0
+/// without any.
 fn from_neighbours(
     guides: &Guides,
     (x, y): (usize, usize),
@@ -98,7 +100,8 @@ fn from_neighbours(
     Vec3::ZERO
 }
 
-/// Texture and emission put back: radiance for every pixel. Returns how many colours without a surface are not finite; they are black.
+/// Texture and emission put back: radiance for every pixel. Returns how many colours without a surface are
+/// not finite; they are black.
 pub(super) fn compose(
     input: &FilterInput<'_>,
     guides: &Guides,

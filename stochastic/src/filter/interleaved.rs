@@ -1,15 +1,18 @@
 //! The pattern of interleaved sampling, taken out before anything else.
 //!
-//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.4: each pixel of an m × m sub-block draws from its own m-th part of the lights, m² times as bright.
-//! What neighbours differ by is no noise then but a pattern of period m, and every stage of SVGF would take it for noise or, worse, for an edge.
-//! The paper leaves it to more passes of SVGF.
+//! Lin and Yuksel, "Real-Time Stochastic Lightcuts", 2020, section 3.4: each pixel of an m × m sub-block
+//! draws from its own m-th part of the lights, m² times as bright. What neighbours differ by is no noise then
+//! but a pattern of period m, and every stage of SVGF would take it for noise or, worse, for an edge. The
+//! paper leaves it to more passes of SVGF.
 //!
-//! Here a box takes it out. m + 1 pixels wide, with half weights at both ends, it is centred, and of the m pixels of a period each counts the same: where the surface
-//! goes on, the pattern cancels to rounding. It stops at edges of depth, normal and object, not of luminance. Beside
-//! an edge parts of the lights are missing; their weight goes to the others, which leaves the mean over rotations (frames) as it is, and
-//! what is left as noise to the levels that follow.
+//! Here a box takes it out. m + 1 pixels wide, with half weights at both ends, it is centred, and of the m
+//! pixels of a period each counts the same: where the surface goes on, the pattern cancels to rounding. It
+//! stops at edges of depth, normal and object, not of luminance. Beside an edge parts of the lights are
+//! missing; their weight goes to the others, which leaves the mean over rotations (frames) as it is, and what
+//! is left as noise to the levels that follow.
 //!
-//! The variance that goes with it is that of pixels m apart, which drew from the same lights: the pattern itself is not in it.
+//! The variance that goes with it is that of pixels m apart, which drew from the same lights: the pattern
+//! itself is not in it.
 
 use super::guides::{Guides, Offset, Stops, falloff};
 use super::illumination::{Signal, VARIANCE};
@@ -66,7 +69,8 @@ pub(super) fn smooth(
     });
 }
 
-/// Places of the box and their weights: 1, but ½ at the ends of an even period, so that each residue modulo `m` counts the same.
+/// Places of the box and their weights: 1, but ½ at the ends of an even period, so that each residue modulo
+/// `m` counts the same.
 fn places(m: usize) -> impl Iterator<Item = (isize, isize, f32)> {
     let reach = (m / 2) as isize;
     let weight = move |i: isize| if m.is_multiple_of(2) && i.abs() == reach { 0.5 } else { 1.0 };

@@ -1,8 +1,10 @@
-//! Variance of luminance from a pixel's surroundings: where frames are too few to tell, and to make more of what they tell.
+//! Variance of luminance from a pixel's surroundings: where frames are too few to tell, and to make more of
+//! what they tell.
 //!
-//! Schied et al. 2017, section 4.2: the first two moments over 7 × 7 pixels, weighted by depth and normal. Differs from it: the
-//! variance is corrected for the number of pixels that it comes from, since of few it would be too small; and pixels are those
-//! `spacing` apart, for pictures whose neighbours are not of one kind.
+//! Schied et al. 2017, section 4.2: the first two moments over 7 × 7 pixels, weighted by depth and normal.
+//! Differs from it: the variance is corrected for the number of pixels that it comes from, since of few it
+//! would be too small; and pixels are those `spacing` apart, for pictures whose neighbours are not of one
+//! kind.
 
 use super::guides::{Guides, Offset, Stops, falloff};
 use super::illumination::{Signal, luminance_at};
@@ -70,8 +72,8 @@ pub(super) fn around(
     });
 }
 
-/// The mean of `values` around each pixel, by the same weights: variances of single pixels over few frames say little where noise is rare and bright,
-/// for most pixels have not seen any of it.
+/// The mean of `values` around each pixel, by the same weights: variances of single pixels over few frames
+/// say little where noise is rare and bright, for most pixels have not seen any of it.
 pub(super) fn pool(values: &Planes<1>, guides: &Guides, params: &SvgfParams, pooled: &mut Planes<1>) {
     let (width, height) = (values.width(), values.height());
     let stops = Stops::new(params);
@@ -107,7 +109,8 @@ pub(super) fn pool(values: &Planes<1>, guides: &Guides, params: &SvgfParams, poo
     });
 }
 
-/// The variance from sums of weights, squared weights, weighted values and weighted squares; 0 where fewer than two values count.
+/// The variance from sums of weights, squared weights, weighted values and weighted squares; 0 where fewer
+/// than two values count.
 pub(super) fn unbiased(weights: f32, squares: f32, first: f32, second: f32) -> f32 {
     if weights <= 0.0 {
         return 0.0;

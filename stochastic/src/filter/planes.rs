@@ -19,7 +19,8 @@ pub(super) struct Overlap {
     pub(super) other: Range<usize>,
 }
 
-/// The pixels of row `y` and these columns whose neighbour at `offset` is in a picture of (`width`, `height`).
+/// The pixels of row `y` and these columns whose neighbour at `offset` is in a picture of (`width`,
+/// `height`).
 pub(super) fn overlap(
     (width, height): (usize, usize),
     y: usize,
@@ -33,7 +34,8 @@ pub(super) fn overlap(
     (first < last).then(|| Overlap { own: first..last, row, other: shifted(first)..shifted(last) })
 }
 
-/// `N` planes of f32. The planes of one row are neighbours in memory, so that a row is one piece that a thread can own.
+/// `N` planes of f32. The planes of one row are neighbours in memory, so that a row is one piece that a
+/// thread can own.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Planes<const N: usize> {
     width: usize,
@@ -73,7 +75,8 @@ impl<const N: usize> Planes<N> {
         core::array::from_fn(|plane| self.data[row + plane * self.width + x])
     }
 
-    /// Calls `fill` with every row, on all threads with the feature `parallel`; returns the sum of what it returns.
+    /// Calls `fill` with every row, on all threads with the feature `parallel`; returns the sum of what it
+    /// returns.
     pub(super) fn fill(&mut self, fill: impl Fn(usize, [&mut [f32]; N]) -> u64 + Sync) -> u64 {
         let width = self.width;
         sum_over_rows(&mut self.data, N * width, |y, row| fill(y, split(row, width)))

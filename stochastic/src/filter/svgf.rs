@@ -1,7 +1,8 @@
 //! Spatiotemporal variance-guided filtering.
 //!
-//! Schied, Kaplanyan, Wyman, Patney, Chaitanya, Burgess, Liu, Dachsbacher, Lefohn and Salvi, "Spatiotemporal Variance-Guided Filtering:
-//! Real-Time Reconstruction for Path-Traced Global Illumination", 2017. What differs is said at the head of each stage's file.
+//! Schied, Kaplanyan, Wyman, Patney, Chaitanya, Burgess, Liu, Dachsbacher, Lefohn and Salvi, "Spatiotemporal
+//! Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global Illumination", 2017. What
+//! differs is said at the head of each stage's file.
 
 use glam::Vec3;
 
@@ -15,24 +16,29 @@ use super::{FilterError, FilterInput, FilterReport, interleaved, moments};
 /// What becomes of the weight of neighbours that are stopped by an edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Mixing {
-    /// It goes to the other neighbours and the pixel itself, as in the paper: weights sum to 1 after division by their sum. Two pixels then weigh
-    /// differently in one another, and the picture's mean is not kept: a single bright pixel is outvoted and its light is gone. That is a bias,
-    /// and mostly a smaller error: noise of light samples is skewed.
+    /// It goes to the other neighbours and the pixel itself, as in the paper: weights sum to 1 after division
+    /// by their sum. Two pixels then weigh differently in one another, and the picture's mean is not kept: a
+    /// single bright pixel is outvoted and its light is gone. That is a bias, and mostly a smaller error:
+    /// noise of light samples is skewed.
     #[default]
     Normalized,
-    /// It goes to the pixel itself, and stops are the same from both sides. What one pixel gives another it takes from it, so the sum of all
-    /// illumination is kept to rounding, whatever the stops do; and single bright pixels become blotches.
+    /// It goes to the pixel itself, and stops are the same from both sides. What one pixel gives another it
+    /// takes from it, so the sum of all illumination is kept to rounding, whatever the stops do; and single
+    /// bright pixels become blotches.
     Conserving,
 }
 
 /// The dials of [`Svgf`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SvgfParams {
-    /// Levels of the wavelet, each twice as wide as the one before: 5 reach 62 pixels. 0 leaves the temporal mean alone.
+    /// Levels of the wavelet, each twice as wide as the one before: 5 reach 62 pixels. 0 leaves the temporal
+    /// mean alone.
     pub levels: u32,
-    /// Standard deviations by which luminances may differ: larger smooths more and blurs shadows. Not negative; infinite: no stop.
+    /// Standard deviations by which luminances may differ: larger smooths more and blurs shadows. Not
+    /// negative; infinite: no stop.
     pub sigma_luminance: f32,
-    /// Depth steps beyond what the slope of the surface explains that are no edge, in units of those that it explains. Positive; infinite: no stop.
+    /// Depth steps beyond what the slope of the surface explains that are no edge, in units of those that it
+    /// explains. Positive; infinite: no stop.
     pub sigma_depth: f32,
     /// Share of the depth that is no edge on top of that, positive: what the curvature of surfaces needs.
     pub depth_floor: f32,
@@ -42,13 +48,16 @@ pub struct SvgfParams {
     pub alpha: f32,
     /// The same for the moments of luminance.
     pub alpha_moments: f32,
-    /// Frames from which on a pixel's variance is that over time, at least 2; before, it comes from its surroundings.
+    /// Frames from which on a pixel's variance is that over time, at least 2; before, it comes from its
+    /// surroundings.
     pub least_frames: u32,
-    /// Whether the history keeps the colours after the first level of the wavelet: less noise in the next frame, more blur and lag.
+    /// Whether the history keeps the colours after the first level of the wavelet: less noise in the next
+    /// frame, more blur and lag.
     pub feedback: bool,
     /// Period m of interleaved sampling, at least 1: 1 for none.
     pub interleaved: u32,
-    /// Least albedo that illumination is divided by, positive: a channel that reflects less is filtered as if it reflected this much.
+    /// Least albedo that illumination is divided by, positive: a channel that reflects less is filtered as if
+    /// it reflected this much.
     pub albedo_floor: f32,
     /// What stopped neighbours' weight goes to.
     pub mixing: Mixing,
@@ -183,7 +192,8 @@ impl Svgf {
         self.last_scale = None;
     }
 
-    /// Heap memory per pixel once a frame was seen, bytes: 7 words of guides and 7 of history, both for two frames, and 13 to work with.
+    /// Heap memory per pixel once a frame was seen, bytes: 7 words of guides and 7 of history, both for two
+    /// frames, and 13 to work with.
     pub const BYTES_PER_PIXEL: usize = 4 * (2 * 7 + 2 * 7 + 13);
 
     /// Heap memory, bytes.
@@ -213,7 +223,8 @@ impl Svgf {
             + pooled.bytes()
     }
 
-    /// Filters the next frame into `out`, and remembers it. A frame of another size than the last starts anew.
+    /// Filters the next frame into `out`, and remembers it. A frame of another size than the last starts
+    /// anew.
     ///
     /// # Errors
     /// For slices of the wrong length, or no pixels. Nothing is changed then.

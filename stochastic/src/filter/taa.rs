@@ -1,15 +1,16 @@
 //! Temporal anti-aliasing: a moving mean of finished pictures, kept honest by each pixel's neighbourhood.
 //!
-//! Karis, "High Quality Temporal Supersampling", 2014: the history is moved into the range of the 3 × 3 pixels around, by luma and two chromas, where brightness and
-//! colour are apart; the motion is that of the nearest of them, so that silhouettes take their edge along; bright pixels count less. Salvi, "An
-//! Excursion in Temporal Supersampling", 2016: the range is mean ± γ standard deviations. Jimenez, "Filmic SMAA", 2016: the history is looked up with a
-//! Catmull-Rom kernel, which does not blur it further with every frame.
+//! Karis, "High Quality Temporal Supersampling", 2014: the history is moved into the range of the 3 × 3
+//! pixels around, by luma and two chromas, where brightness and colour are apart; the motion is that of the
+//! nearest of them, so that silhouettes take their edge along; bright pixels count less. Salvi, "An Excursion
+//! in Temporal Supersampling", 2016: the range is mean ± γ standard deviations. Jimenez, "Filmic SMAA", 2016:
+//! the history is looked up with a Catmull-Rom kernel, which does not blur it further with every frame.
 //!
-//! Differs from them: radiance is linear and unbounded, so bright pixels count less only if the caller says what white is
-//! ([`TaaParams::white`]).
+//! Differs from them: radiance is linear and unbounded, so bright pixels count less only if the caller says
+//! what white is ([`TaaParams::white`]).
 //!
-//! Moving the history into the range is a bias: noise that is larger than the range is cut off, and detail finer than a pixel with
-//! it. How often it happens is counted in [`FilterReport::clipped`].
+//! Moving the history into the range is a bias: noise that is larger than the range is cut off, and detail
+//! finer than a pixel with it. How often it happens is counted in [`FilterReport::clipped`].
 
 use glam::{Vec2, Vec3};
 
@@ -21,7 +22,8 @@ use super::{FilterError, FilterInput, FilterReport, luminance};
 pub enum Clip {
     /// Smallest to largest of the 3 × 3 pixels around (Karis 2014).
     Extremes,
-    /// Mean ± this many standard deviations of them (Salvi 2016), not negative: 1 as a rule, less against ghosts, more against flicker.
+    /// Mean ± this many standard deviations of them (Salvi 2016), not negative: 1 as a rule, less against
+    /// ghosts, more against flicker.
     Deviations(f32),
     /// None: a plain moving mean, with ghosts wherever something moves.
     Off,
@@ -34,8 +36,8 @@ pub struct TaaParams {
     pub alpha: f32,
     /// What history may be like.
     pub clip: Clip,
-    /// Luminance that is shown as white, positive: a pixel of luminance L counts 1/(1 + L/white), so that single bright ones do not
-    /// flicker; that darkens them. Infinite: all count alike.
+    /// Luminance that is shown as white, positive: a pixel of luminance L counts 1/(1 + L/white), so that
+    /// single bright ones do not flicker; that darkens them. Infinite: all count alike.
     pub white: f32,
 }
 
@@ -87,8 +89,9 @@ impl Taa {
         (self.last.capacity() + self.next.capacity()) * size_of::<Vec3>()
     }
 
-    /// Blends the next frame's `color` with the frames before it into `out`, and remembers that. Of the guides it reads depth and motion. A colour that is
-    /// not finite is taken from the history, or is black without one, and counted.
+    /// Blends the next frame's `color` with the frames before it into `out`, and remembers that. Of the
+    /// guides it reads depth and motion. A colour that is not finite is taken from the history, or is black
+    /// without one, and counted.
     ///
     /// # Errors
     /// For slices of the wrong length, or no pixels. Nothing is changed then.
@@ -164,7 +167,8 @@ impl Frame<'_> {
         inside.then(|| self.catmull_rom(place - 0.5, last)).filter(|history| history.is_finite())
     }
 
-    /// Motion of the nearest surface among the 3 × 3 pixels around; the pixel's own where there is no surface.
+    /// Motion of the nearest surface among the 3 × 3 pixels around; the pixel's own where there is no
+    /// surface.
     fn motion_around(&self, (x, y): (usize, usize)) -> Option<Vec2> {
         let motion = self.input.motion?;
         let mut nearest = (f32::INFINITY, y * self.width + x);
@@ -181,7 +185,8 @@ impl Frame<'_> {
         motion.is_finite().then_some(motion)
     }
 
-    /// Cubic interpolation at `place`, in pixels from the first pixel's centre; a pixel's own value at its centre.
+    /// Cubic interpolation at `place`, in pixels from the first pixel's centre; a pixel's own value at its
+    /// centre.
     fn catmull_rom(&self, place: Vec2, last: &[Vec3]) -> Vec3 {
         let corner = place.floor();
         let (weights_x, weights_y) = (cubic(place.x - corner.x), cubic(place.y - corner.y));

@@ -1,11 +1,14 @@
 //! Frames before this one, found again by motion, and the mean with them.
 //!
 //! Schied et al. 2017, sections 3.1 and 4.1. Differs from it:
-//! - Motion knows the change of depth as well, so that depths are compared with what they should be, not with what they were.
-//! - The variance is that of the mean, not of one frame: the moments' own, corrected for how few frames they come from, times the sum of squared
-//!   weights of the frames in the mean. So the filter narrows as frames accumulate.
-//! - It is pooled over 7 × 7 pixels. A pixel's own variance over a few frames is tiny wherever no bright sample came yet, and steering by it
-//!   makes pictures worse with every frame, as we measured: noise of light samples is rare and bright.
+//! - Motion knows the change of depth as well, so that depths are compared with what they should be, not with
+//!   what they were.
+//! - The variance is that of the mean, not of one frame: the moments' own, corrected for how few frames they
+//!   come from, times the sum of squared weights of the frames in the mean. So the filter narrows as frames
+//!   accumulate.
+//! - It is pooled over 7 × 7 pixels. A pixel's own variance over a few frames is tiny wherever no bright
+//!   sample came yet, and steering by it makes pictures worse with every frame, as we measured: noise of
+//!   light samples is rare and bright.
 
 use glam::{Vec2, Vec3};
 
@@ -15,7 +18,8 @@ use super::illumination::{Signal, VARIANCE, luminance_at};
 use super::planes::Planes;
 use super::svgf::SvgfParams;
 
-/// Per pixel: colour; first and second moment of luminance; sum of squared weights of the frames in them; number of frames.
+/// Per pixel: colour; first and second moment of luminance; sum of squared weights of the frames in them;
+/// number of frames.
 pub(super) type History = Planes<7>;
 
 const FIRST: usize = 3;
@@ -82,8 +86,8 @@ fn blend(now: &mut [f32; 7], before: &[f32; 7], alpha: f32, alpha_moments: f32) 
 }
 
 impl Last<'_> {
-    /// History of the point in pixel (x, y), if it was seen: bilinear from the four pixels around its old place, or else from all nine around that
-    /// show the same surface.
+    /// History of the point in pixel (x, y), if it was seen: bilinear from the four pixels around its old
+    /// place, or else from all nine around that show the same surface.
     fn find(&self, (x, y): (usize, usize), motion: Vec3, guides: &Guides) -> Option<[f32; 7]> {
         let place = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + motion.truncate();
         let size = Vec2::new(self.history.width() as f32, self.history.height() as f32);
@@ -178,7 +182,8 @@ pub(super) fn variance(history: &History, variance: &mut Planes<1>) {
     });
 }
 
-/// Puts the accumulated colours into `signal`, and as variance `over_time` where frames are enough, or else that `around` divided by their number.
+/// Puts the accumulated colours into `signal`, and as variance `over_time` where frames are enough, or else
+/// that `around` divided by their number.
 pub(super) fn take(
     history: &History,
     over_time: &Planes<1>,

@@ -9,7 +9,8 @@ use super::Keeps;
 #[derive(Clone, Debug)]
 pub(super) struct Frame {
     to_world: DAffine3,
-    /// Turns normals into world space, up to length, if `stretch` > 1; otherwise takes vectors into mesh space.
+    /// Turns normals into world space, up to length, if `stretch` > 1; otherwise takes vectors into mesh
+    /// space.
     turn: DMat3,
     /// Largest scale ÷ smallest; 1 exactly where all are the same, but for rounding.
     stretch: f64,
@@ -37,8 +38,9 @@ const SAME: f64 = 1.0 / (1 << 20) as f64;
 /// Smallest scale ÷ largest of what counts as flat.
 const FLAT: f64 = 1.0 / (1 << 22) as f64;
 
-/// Cosine and sine of the angle by which cones are widened for all that rounding does to directions: the smallest but one that f32 can tell from 0 by
-/// its cosine, 4.9e-4 rad. The same for all cones, so that those in others stay so.
+/// Cosine and sine of the angle by which cones are widened for all that rounding does to directions: the
+/// smallest but one that f32 can tell from 0 by its cosine, 4.9e-4 rad. The same for all cones, so that those
+/// in others stay so.
 const WIDER: (f64, f64) = (1.0 - 2.0 * (f32::EPSILON / 2.0) as f64, 4.882_812_4e-4);
 
 impl Frame {
@@ -92,7 +94,8 @@ impl Frame {
         }
     }
 
-    /// Bounds in world space of lights that are bounded in mesh space; contains those of whatever `lights` contains.
+    /// Bounds in world space of lights that are bounded in mesh space; contains those of whatever `lights`
+    /// contains.
     pub(super) fn bounds(&self, lights: &LightBounds) -> LightBounds {
         let (min, max) = self.world_box(lights.min, lights.max);
         let mut normals = lights.normals();
@@ -111,7 +114,8 @@ impl Frame {
         }
     }
 
-    /// The box around a transformed box, with room for rounding. Each step keeps the order of its numbers, so boxes in boxes stay so.
+    /// The box around a transformed box, with room for rounding. Each step keeps the order of its numbers, so
+    /// boxes in boxes stay so.
     fn world_box(&self, min: Vec3, max: Vec3) -> (Vec3, Vec3) {
         let (min, max) = (min.as_dvec3(), max.as_dvec3());
         let (mut low, mut high) = (self.to_world.translation, self.to_world.translation);
@@ -146,8 +150,8 @@ impl Frame {
         self.stretch == 1.0
     }
 
-    /// A receiver in mesh space, and by how much boxes there have to grow for what rounding does on the way. `None` where that cannot be had: the
-    /// frame is no similarity, or f32 has no such numbers.
+    /// A receiver in mesh space, and by how much boxes there have to grow for what rounding does on the way.
+    /// `None` where that cannot be had: the frame is no similarity, or f32 has no such numbers.
     pub(super) fn to_mesh(&self, position: Vec3, lobes: &ScatterLobes) -> Option<(Vec3, ScatterLobes, f32)> {
         if !self.is_similar() {
             return None;
@@ -155,8 +159,9 @@ impl Frame {
         let position = (self.turn * (position.as_dvec3() - self.to_world.translation)).as_vec3();
         let turned = |v: Vec3| (self.turn * v.as_dvec3()).normalize_or_zero().as_vec3();
         let lobes = ScatterLobes { normal: turned(lobes.normal), axis: turned(lobes.axis), ..*lobes };
-        // Of angles between both spaces, of rounded normals and axes, and of the position just found; and of the lights in world space. No
-        // light is farther away than a few times `reach`, so that growing boxes tilts directions by more than rounding does.
+        // Of angles between both spaces, of rounded normals and axes, and of the position just found; and of
+        // the lights in world space. No light is farther away than a few times `reach`, so that growing boxes
+        // tilts directions by more than rounding does.
         let reach = position.abs().max_element() + self.extent;
         let rounding = f64::from(self.rounding) / self.factor_of_length();
         let grow = 4.0 * SAME as f32 * reach + rounding as f32;
@@ -174,8 +179,8 @@ pub(super) fn intensity(intensity: f64, factor: f64) -> f32 {
     if intensity > 0.0 { ((intensity * factor) as f32).clamp(f32::from_bits(1), f32::MAX) } else { 0.0 }
 }
 
-/// The largest factor by which the area of a surface may grow whose normal is among those of `lights`: |C n| for the matrix C of cofactors, whose
-/// largest singular value is `most`.
+/// The largest factor by which the area of a surface may grow whose normal is among those of `lights`: |C n|
+/// for the matrix C of cofactors, whose largest singular value is `most`.
 fn largest_area_factor(cofactors: &DMat3, most: f64, lights: &LightBounds) -> f64 {
     let cos = f64::from(lights.cos_theta_o).clamp(0.0, 1.0);
     let sin = ((1.0 - cos) * (1.0 + cos)).sqrt();
@@ -185,8 +190,8 @@ fn largest_area_factor(cofactors: &DMat3, most: f64, lights: &LightBounds) -> f6
 
 /// Largest first; `None` if the smallest is 0 or as good as that.
 ///
-/// The eigenvalues of `MᵀM` in closed form (Smith, "Eigenvalues of a Symmetric 3 × 3 Matrix", 1961), the smallest from the determinant, where
-/// nothing cancels.
+/// The eigenvalues of `MᵀM` in closed form (Smith, "Eigenvalues of a Symmetric 3 × 3 Matrix", 1961), the
+/// smallest from the determinant, where nothing cancels.
 fn singular_values(matrix: DMat3) -> Option<[f64; 3]> {
     let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let scale = columns.iter().map(|c| c.abs().max_element()).fold(0.0, f64::max);

@@ -14,9 +14,10 @@ use super::{LightMesh, TwoLevelTree};
 
 /// Draws one light by a walk to an instance, and another within its mesh.
 ///
-/// The receiver is taken into mesh space if it has [`lobes`](Receiver::lobes) and the instance is turned, mirrored and scaled alike along all axes: there
-/// boxes fit as they were built. Otherwise the nodes on the way are taken to world space. Which of both it is depends on the instance and the receiver
-/// alone, so probabilities are the same whenever they are asked for.
+/// The receiver is taken into mesh space if it has [`lobes`](Receiver::lobes) and the instance is turned,
+/// mirrored and scaled alike along all axes: there boxes fit as they were built. Otherwise the nodes on the
+/// way are taken to world space. Which of both it is depends on the instance and the receiver alone, so
+/// probabilities are the same whenever they are asked for.
 ///
 /// ```
 /// use glam::{Affine3A, Vec3};
@@ -60,7 +61,8 @@ impl<'t, T: LightHierarchy> TwoLevelSampler<'t, T> {
         Self { top: self.top.with_choice(choice), choice, ..self }
     }
 
-    /// Asks `question` of a sampler of the lights of one instance, and of the receiver as that sampler knows it.
+    /// Asks `question` of a sampler of the lights of one instance, and of the receiver as that sampler knows
+    /// it.
     fn within<R: Receiver + ?Sized, A>(&self, instance: u32, receiver: &R, question: impl Question<A>) -> A {
         let frame = &self.tree.over.frames[instance as usize];
         let LightMesh { tree, .. } = self.tree.mesh(frame);
@@ -112,7 +114,8 @@ impl Question<f64> for Probability {
     }
 }
 
-/// A receiver in mesh space, known by how it scatters about. Only for walks: a surface's true bound cannot be turned.
+/// A receiver in mesh space, known by how it scatters about. Only for walks: a surface's true bound cannot be
+/// turned.
 struct MeshReceiver {
     position: Vec3,
     lobes: ScatterLobes,

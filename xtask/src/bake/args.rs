@@ -8,7 +8,8 @@ use crate::settings::{Key, Range};
 /// What to bake, and how.
 #[derive(clap::Args)]
 pub(crate) struct BakeArgs {
-    /// A .glb or .gltf file, or a built-in scene with an optional number of lights; materials are read as diffuse
+    /// A .glb or .gltf file, or a built-in scene with an optional number of lights; materials are read as
+    /// diffuse
     #[arg(default_value = "cornell")]
     pub(super) scene: String,
 

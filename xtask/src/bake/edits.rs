@@ -1,6 +1,7 @@
 //! Lists of edits: what a designer does to a scene, as JSON.
 //!
-//! `{"edits": [{"op": "move_object", "object": 3, "by": [0.5, 0, 0]}, ...]}`; `docs/bake.md` lists the operations.
+//! `{"edits": [{"op": "move_object", "object": 3, "by": [0.5, 0, 0]}, ...]}`; `docs/bake.md` lists the
+//! operations.
 
 use std::path::Path;
 
@@ -50,7 +51,8 @@ pub(crate) enum Strength {
     Flux(Vec3),
 }
 
-/// Edits of a file, checked against the scene as it is when each is reached. `hash` of each is that of its text, for saved bakes.
+/// Edits of a file, checked against the scene as it is when each is reached. `hash` of each is that of its
+/// text, for saved bakes.
 pub(crate) struct Edits {
     pub(crate) list: Vec<Edit>,
     pub(crate) hashes: Vec<u64>,
@@ -268,7 +270,8 @@ pub(crate) enum Outcome {
 }
 
 impl Edit {
-    /// Does the edit to the world, and tells the bake if there is one: without, this only brings a world to where a saved bake has it.
+    /// Does the edit to the world, and tells the bake if there is one: without, this only brings a world to
+    /// where a saved bake has it.
     ///
     /// # Errors
     /// What the bake refuses.

@@ -1,4 +1,5 @@
-//! What a bake leaves behind: maps as EXR, the scene as .glb with the coordinates to look them up, and a JSON file that says which is whose.
+//! What a bake leaves behind: maps as EXR, the scene as .glb with the coordinates to look them up, and a JSON
+//! file that says which is whose.
 
 use std::path::Path;
 
@@ -191,7 +192,8 @@ fn write_scene(
     Ok(())
 }
 
-/// Stops that make the median of what a grey surface reflects middle grey; of a large map, that of a sample of its texels.
+/// Stops that make the median of what a grey surface reflects middle grey; of a large map, that of a sample
+/// of its texels.
 fn exposure(pages: &[Image]) -> f32 {
     const GREY: f32 = 0.5 * core::f32::consts::FRAC_1_PI;
     const SAMPLE: usize = 1 << 18;

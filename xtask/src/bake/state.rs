@@ -1,7 +1,8 @@
 //! Saved bakes on disk: what the bake saves of itself, and the sums of the lightmap, whole or not at all.
 //!
-//! Layout, little-endian: `LTLMAP`, a format number (u16), a checksum of the rest (FNV-1a, u64); then the scene's name (u64), that of the settings
-//! (u64), edits done (u64) and the updates made since the last one (u64), the name of each (u64), length and bytes of the bake, number of sums (u64) and the sums (i64).
+//! Layout, little-endian: `LTLMAP`, a format number (u16), a checksum of the rest (FNV-1a, u64); then the
+//! scene's name (u64), that of the settings (u64), edits done (u64) and the updates made since the last one
+//! (u64), the name of each (u64), length and bytes of the bake, number of sums (u64) and the sums (i64).
 
 use std::io::Write;
 use std::path::Path;
@@ -94,7 +95,8 @@ pub(crate) fn hash_scene(scene: &scene::Scene) -> u64 {
 }
 
 impl State {
-    /// Writes the state, with `sums` in place of its own, as [`output::whole`] does. Sums are asked for twice instead of being held once more.
+    /// Writes the state, with `sums` in place of its own, as [`output::whole`] does. Sums are asked for twice
+    /// instead of being held once more.
     ///
     /// # Errors
     /// A failure that names the file.

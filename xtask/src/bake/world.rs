@@ -91,7 +91,8 @@ impl World {
         Bounds { min: whole.min - margin, max: whole.max + margin }
     }
 
-    /// Puts an object somewhere, or takes it away, with the lamps that it carries. Says what changed for the bake.
+    /// Puts an object somewhere, or takes it away, with the lamps that it carries. Says what changed for the
+    /// bake.
     pub(crate) fn put(&mut self, object: u32, to: Option<Affine3A>) -> (ObjectChange, Vec<LightKey>) {
         let index = object as usize;
         let before = self.objects[index];

@@ -4,7 +4,8 @@ use spdx::{Expression, LicenseReq, ParseMode};
 
 use crate::failure::Failure;
 
-/// Permissive licences, all compatible with MIT OR Apache-2.0. Nothing that obliges a user to publish their code.
+/// Permissive licences, all compatible with MIT OR Apache-2.0. Nothing that obliges a user to publish their
+/// code.
 const ALLOWED: [&str; 12] = [
     "0BSD",
     "Apache-2.0",

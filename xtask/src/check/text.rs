@@ -50,8 +50,8 @@ pub(super) fn check() -> Result<(), Failure> {
     Err(Failure::failed(format!("{}: take the machine's path or the large file out", found.join("; "))))
 }
 
-/// README and CHANGELOG quote the minimum supported Rust version (`Rust 1.x`; the latest stands first), but no other than the
-/// manifest's.
+/// README and CHANGELOG quote the minimum supported Rust version (`Rust 1.x`; the latest stands first), but
+/// no other than the manifest's.
 pub(super) fn rust_version_agrees(stated: &str) -> Result<(), Failure> {
     for file in ["README.md", "CHANGELOG.md"] {
         let Ok(text) = std::fs::read_to_string(workspace_root().join(file)) else {

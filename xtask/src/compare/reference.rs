@@ -39,8 +39,8 @@ const PROBE: usize = 64;
 /// Least pixels that a reference is made over.
 const FEWEST: usize = 256;
 
-/// Number of a reference's first camera sample: beyond all that methods take, so that it shares none of their luck at edges of things. The seed is
-/// theirs, for it decides virtual lights.
+/// Number of a reference's first camera sample: beyond all that methods take, so that it shares none of their
+/// luck at edges of things. The seed is theirs, for it decides virtual lights.
 const FIRST_SAMPLE: u32 = 1 << 24;
 
 impl Reference {
@@ -49,11 +49,12 @@ impl Reference {
         Self { film, mask: None, made: None }
     }
 
-    /// Renders two independent halves with the method that is exact for the plan's light, and takes their mean. Within about `seconds`: over all pixels with
-    /// as many samples as fit, or over fewer pixels with one each.
+    /// Renders two independent halves with the method that is exact for the plan's light, and takes their
+    /// mean. Within about `seconds`: over all pixels with as many samples as fit, or over fewer pixels with
+    /// one each.
     ///
-    /// The halves' difference tells the noise: two pictures with variance V each differ by 2 V in the mean square, and their
-    /// mean has variance V / 2, a quarter of that.
+    /// The halves' difference tells the noise: two pictures with variance V each differ by 2 V in the mean
+    /// square, and their mean has variance V / 2, a quarter of that.
     pub(super) fn make(
         stage: &Stage<'_>,
         like: &Plan,

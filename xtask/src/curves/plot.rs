@@ -25,7 +25,8 @@ const SIZE: (u32, u32) = (900, 560);
 const BACKGROUND: RGBColor = RGBColor(22, 24, 28);
 const INK: RGBColor = RGBColor(220, 220, 220);
 
-/// Both axes are logarithmic; a curve with an error of zero ends before it. `about` is what all curves share; it is kept in the file, as its description.
+/// Both axes are logarithmic; a curve with an error of zero ends before it. `about` is what all curves share;
+/// it is kept in the file, as its description.
 ///
 /// # Errors
 /// What the plotter says, which no data can cause.

@@ -14,7 +14,8 @@ use crate::settings::Settings;
 use crate::shot::Stage;
 use crate::stop;
 
-/// Dials that trade time for accuracy, and what they are turned to, cheap to dear. A method's curve is over the first of them that it has.
+/// Dials that trade time for accuracy, and what they are turned to, cheap to dear. A method's curve is over
+/// the first of them that it has.
 const DIALS: [(&str, [&str; 5]); 2] =
     [("threshold", ["0.1", "0.05", "0.02", "0.01", "0.005"]), ("lights", ["1", "4", "16", "64", "256"])];
 
@@ -91,8 +92,8 @@ impl Curve {
         Ok(curve)
     }
 
-    /// Seconds to render to a relMSE of `target`, by a straight line in the logarithms between the two settings around
-    /// it; `None` where the curve does not get there.
+    /// Seconds to render to a relMSE of `target`, by a straight line in the logarithms between the two
+    /// settings around it; `None` where the curve does not get there.
     pub(super) fn seconds_to(&self, target: f64) -> Option<f64> {
         seconds_to(self.points.iter().map(|p| (p.render_seconds, p.errors.relmse)), target)
     }

@@ -158,7 +158,8 @@ pub(super) struct CdfDrawer {
 }
 
 impl Drawer {
-    /// For the receivers of one buffer, into another; what lights gave will be in `outcomes`, where anything learns from it.
+    /// For the receivers of one buffer, into another; what lights gave will be in `outcomes`, where anything
+    /// learns from it.
     pub(super) fn new(
         gpu: &Gpu,
         kernels: &Kernels,
@@ -192,7 +193,8 @@ impl Drawer {
         }
     }
 
-    /// Records the draws; before those of a frame's first sample, cuts, which keep what was learned by those before them.
+    /// Records the draws; before those of a frame's first sample, cuts, which keep what was learned by those
+    /// before them.
     pub(super) fn encode(&self, encoder: &mut CommandEncoder, times: &mut StageTimes, is_first: bool) {
         match self {
             Self::Walks(draws) => draws.encode(encoder),

@@ -121,7 +121,8 @@ fn taa_params(params: &TaaParams) -> gpu_filter::TaaParams {
 mod tests {
     use super::*;
 
-    /// The dials are stated in both crates, since neither knows the other: every one begins with the same value.
+    /// The dials are stated in both crates, since neither knows the other: every one begins with the same
+    /// value.
     #[test]
     fn dials_begin_with_the_same_values() {
         assert_eq!(svgf_params(&SvgfParams::default()), gpu_filter::SvgfParams::default());

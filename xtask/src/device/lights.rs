@@ -83,7 +83,8 @@ impl DeviceLights {
         Ok(Self { emitters, tree })
     }
 
-    /// Brings those of another frame; `false` if they do not fit into the same buffers, or meshes have other lights.
+    /// Brings those of another frame; `false` if they do not fit into the same buffers, or meshes have other
+    /// lights.
     pub(super) fn update(&self, gpu: &Gpu, lights: &[Light], scene: &Scene) -> Result<bool, GpuError> {
         if self.emitters.size() < size_of::<EmitterRecord>() as u64 * lights.len() as u64 {
             return Ok(false);

@@ -197,10 +197,11 @@ const TRIES: usize = 64;
 
 /// A cut for each block of pixels and camera sample.
 ///
-/// The renderer hands over 8 × 8 pixels at a time, or fewer that lie anywhere. The representative of a block is drawn among all its
-/// pixels nevertheless: one that isn't at hand is looked at by a camera ray of its own, the very one it has in its own turn. So
-/// blocks may be of any size, a part of a picture is the same as in the whole, threads share nothing, and no table grows with
-/// the picture. The price for blocks larger than 8 is one such ray and one cut for every 64 pixels.
+/// The renderer hands over 8 × 8 pixels at a time, or fewer that lie anywhere. The representative of a block
+/// is drawn among all its pixels nevertheless: one that isn't at hand is looked at by a camera ray of its
+/// own, the very one it has in its own turn. So blocks may be of any size, a part of a picture is the same as
+/// in the whole, threads share nothing, and no table grows with the picture. The price for blocks larger than
+/// 8 is one such ray and one cut for every 64 pixels.
 pub(crate) struct SharedCutMethod<'a, T> {
     sampler: CutSampler<'a, T>,
     per_node: u32,
@@ -331,7 +332,8 @@ impl<T: LightHierarchy + Sync> DrawLights for SharedCutMethod<'_, T> {
 }
 
 impl<T: LightHierarchy> SharedCutMethod<'_, T> {
-    /// Place of the cut of a point's block, which is made if it isn't there; `None` for a block that shows nothing.
+    /// Place of the cut of a point's block, which is made if it isn't there; `None` for a block that shows
+    /// nothing.
     fn cut_of(
         &self,
         point: &ShadingPoint,

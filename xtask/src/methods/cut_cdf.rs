@@ -1,4 +1,5 @@
-//! `cut-cdf` and `cut-cdf-vis`: a large cut for each block of pixels and a distribution over it for each pixel.
+//! `cut-cdf` and `cut-cdf-vis`: a large cut for each block of pixels and a distribution over it for each
+//! pixel.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -50,7 +51,8 @@ pub(crate) struct Learned {
 }
 
 impl Learned {
-    /// Begins the next frame with what this one has learned, in a scene within a sphere of this radius; and goes on keeping.
+    /// Begins the next frame with what this one has learned, in a scene within a sphere of this radius; and
+    /// goes on keeping.
     pub(crate) fn next_frame(self, radius: f32) -> Self {
         let blocks = self.next.map(|blocks| blocks.into_inner().unwrap_or_else(PoisonError::into_inner));
         // In the order of pixels: who came first must not depend on threads.
@@ -162,7 +164,8 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
             let first = first_number(point, seed, pass);
             batch.plan(point, seed, |index, random, walks| {
                 for k in 0..self.samples {
-                    // All samples of a phase of one pixel are one sequence of Weyl's: any number of them is spread evenly.
+                    // All samples of a phase of one pixel are one sequence of Weyl's: any number of them is
+                    // spread evenly.
                     let number = u64::from(pass) * u64::from(self.samples) + u64::from(k);
                     random.restart(first.wrapping_add(number.wrapping_mul(GOLDEN)));
                     let Some(node) = cdf.draw(random) else { break };
@@ -216,7 +219,8 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
 /// 2^64 ÷ the golden ratio.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Where a pixel's sequence begins in this phase: for each pixel and phase another place, independent of all others.
+/// Where a pixel's sequence begins in this phase: for each pixel and phase another place, independent of all
+/// others.
 fn first_number(point: &ShadingPoint, seed: u32, pass: u32) -> u64 {
     let first_sample = point.sample.wrapping_sub(pass);
     let [high, low, ..] = pcg4d([seed ^ Purpose::Blocks.salt(), point.pixel, first_sample, 1]);

@@ -1,7 +1,9 @@
-//! Lightcut Interpolation as a method of direct lighting: what a host writes to use the crate `cutinterp` with the crate `lightcut`.
+//! Lightcut Interpolation as a method of direct lighting: what a host writes to use the crate `cutinterp`
+//! with the crate `lightcut`.
 //!
-//! Before the picture, over all of it: the points that the camera sees in the first sample, records among them, and their exact
-//! lightcuts. All of that is the same for any number of threads; the picture then only looks it up.
+//! Before the picture, over all of it: the points that the camera sees in the first sample, records among
+//! them, and their exact lightcuts. All of that is the same for any number of threads; the picture then only
+//! looks it up.
 
 mod entry_lights;
 mod guard;
@@ -50,9 +52,11 @@ pub(crate) struct CutInterpParams {
     pub(crate) beyond: f32,
     /// What is done there instead.
     pub(crate) where_beyond: WhereBeyond,
-    /// Thresholds by which a node may be wrong at the point itself before it is refined down the tree; infinite: nobody asks.
+    /// Thresholds by which a node may be wrong at the point itself before it is refined down the tree;
+    /// infinite: nobody asks.
     pub(crate) guard: f32,
-    /// Difference of neighbouring records' brightness that makes for a second round of records; infinite: none.
+    /// Difference of neighbouring records' brightness that makes for a second round of records; infinite:
+    /// none.
     pub(crate) spread: f32,
     /// Whether shadow rays of a square of pixels go from each light to all of its points at once.
     pub(crate) rays_from_lights: bool,
@@ -65,7 +69,8 @@ pub(crate) struct CutInterpParams {
 pub(crate) enum WhereBeyond {
     /// The finest input is taken.
     Finest,
-    /// The cut is refined for the point itself by the bound of the error, from the coarsest to the finest input.
+    /// The cut is refined for the point itself by the bound of the error, from the coarsest to the finest
+    /// input.
     Refine,
 }
 
@@ -84,8 +89,8 @@ pub(crate) struct CutInterpMethod<'a> {
 }
 
 impl<'a> CutInterpMethod<'a> {
-    /// Places records in the picture that `camera` takes, and finds their exact cuts, on all threads of the current pool; beside those of
-    /// `last` that are of use still, see [`View::take`].
+    /// Places records in the picture that `camera` takes, and finds their exact cuts, on all threads of the
+    /// current pool; beside those of `last` that are of use still, see [`View::take`].
     pub(crate) fn prepare<Q: Geometry>(
         frame: &Frame<'_, Q>,
         camera: &Camera,
@@ -184,7 +189,8 @@ impl<'a> CutInterpMethod<'a> {
         GeometricBound.bound(&bounds, point).upper / f64::from(bounds.intensity) * f64::from(intensity)
     }
 
-    /// How many pixels lie between a point and the nearest record that it uses, at its own distance from the eye.
+    /// How many pixels lie between a point and the nearest record that it uses, at its own distance from the
+    /// eye.
     fn pixels_from_record(&self, point: &ShadingPoint) -> f32 {
         let near = self.grid.at(point.pixel % self.width, point.pixel / self.width).iter();
         near.map(|&id| self.view.records.get(id))
@@ -370,8 +376,8 @@ struct Ask {
     occluded: Vec3,
 }
 
-/// Shadow rays of a square of pixels, to be cast light by light: neighbours ask the same lights, and rays from one place to
-/// neighbours go down the tree together. 48 bytes each.
+/// Shadow rays of a square of pixels, to be cast light by light: neighbours ask the same lights, and rays
+/// from one place to neighbours go down the tree together. 48 bytes each.
 #[derive(Debug, Default)]
 struct Asked {
     asks: Vec<Ask>,
@@ -415,7 +421,8 @@ impl Asked {
     }
 }
 
-/// Sorts by the upper halves, and leaves what is equal in its order: digit by digit, the last one first. `other` is memory.
+/// Sorts by the upper halves, and leaves what is equal in its order: digit by digit, the last one first.
+/// `other` is memory.
 fn sort_by_upper_half(of: &mut Vec<u64>, other: &mut Vec<u64>) {
     const BITS: u32 = 10;
     let largest = of.iter().max().copied().unwrap_or(0) >> 32;

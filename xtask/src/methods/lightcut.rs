@@ -7,13 +7,15 @@ use scene::{Counts, DirectLighting, Frame, Geometry, Light, ShadingPoint, lumina
 
 use crate::trees::Tree;
 
-/// Blockers that are remembered: enough for the lights that a square of pixels shares, and small enough for the first cache.
+/// Blockers that are remembered: enough for the lights that a square of pixels shares, and small enough for
+/// the first cache.
 pub(super) const REMEMBERED: usize = 2048;
 
 /// Names of the ways to choose representatives, as `--set representatives=` takes them.
 pub(crate) const CHOICES: [&str; 2] = ["random", "central"];
 
-/// Chooses the lights that speak for the clusters of `tree`, which was built over `lights`, in the way of that name.
+/// Chooses the lights that speak for the clusters of `tree`, which was built over `lights`, in the way of
+/// that name.
 ///
 /// # Errors
 /// The light whose intensity is negative or not finite.
@@ -41,8 +43,8 @@ pub(crate) struct LightcutMethod<'a> {
 #[derive(Default)]
 pub(crate) struct LightcutScratch {
     pub(super) cut: lightcut::Scratch,
-    /// What last blocked a light, by its id modulo the length. It only says what to ask first, so a collision costs time
-    /// and never changes an answer.
+    /// What last blocked a light, by its id modulo the length. It only says what to ask first, so a collision
+    /// costs time and never changes an answer.
     pub(super) blockers: Vec<u32>,
 }
 
@@ -148,8 +150,8 @@ mod tests {
     use super::{LightcutMethod, representatives};
     use crate::trees::{KeptMeshes, Tree};
 
-    /// What a clamp of virtual lights takes from a picture is what the counts say, for a lightcut that is refined down to every light
-    /// as for brute force.
+    /// What a clamp of virtual lights takes from a picture is what the counts say, for a lightcut that is
+    /// refined down to every light as for brute force.
     #[test]
     fn clamped_light_is_counted() {
         let scene = builtin("cornell").unwrap();

@@ -161,8 +161,8 @@ mod tests {
     };
     use stochastic::EnergySpread;
 
-    /// What is said of a light that was drawn is what is said of one that was hit: both sides of a weight for multiple importance
-    /// sampling, and all of its consistency.
+    /// What is said of a light that was drawn is what is said of one that was hit: both sides of a weight for
+    /// multiple importance sampling, and all of its consistency.
     fn agrees(name: &str, points: &[ShadingPoint], lights: u32, way: &impl NextEvent) {
         let (mut scratch, mut drawn, mut counts) = (Default::default(), Vec::new(), Counts::default());
         way.begin_unit(&mut scratch);

@@ -1,5 +1,5 @@
-//! What must hold of pictures made of photons: as much light as paths find, each approximation on its own; the same bits for any number of
-//! threads; and points that stay where they are from frame to frame.
+//! What must hold of pictures made of photons: as much light as paths find, each approximation on its own;
+//! the same bits for any number of threads; and points that stay where they are from frame to frame.
 
 use clustering::Clusters;
 use scene::{RenderParams, Rendered, Scene, SceneRays, builtin};
@@ -90,7 +90,8 @@ fn threads_do_not_show() {
     }
 }
 
-/// Light moves from frame to frame as photons fall elsewhere; where it is gathered does not, unless that is asked for.
+/// Light moves from frame to frame as photons fall elsewhere; where it is gathered does not, unless that is
+/// asked for.
 #[test]
 fn clusters_stay_from_frame_to_frame() {
     let room = Room::new("cornell");

@@ -1,5 +1,5 @@
-//! Photon-mapped indirect light: final gather at every pixel, or at few, from all photons, or from a cut through them. What a host writes to use the
-//! crates `clustering` and `photoncut`.
+//! Photon-mapped indirect light: final gather at every pixel, or at few, from all photons, or from a cut
+//! through them. What a host writes to use the crates `clustering` and `photoncut`.
 
 mod gathering;
 mod maps;
@@ -321,8 +321,8 @@ fn diffuse(point: &ShadingPoint) -> Vec3 {
     point.bsdf.diffuse_albedo(point.normal, point.wo) * core::f32::consts::FRAC_1_PI
 }
 
-/// The product of a surface's scattering with harmonics around it, by directions drawn from the former: the same for every point, so that it is smooth. What
-/// ringing makes negative is cut off and counted.
+/// The product of a surface's scattering with harmonics around it, by directions drawn from the former: the
+/// same for every point, so that it is smooth. What ringing makes negative is cut off and counted.
 fn glossy(point: &ShadingPoint, around: &RadianceSh, counts: &mut Counts) -> Vec3 {
     let mut sum = Vec3::ZERO;
     for i in 0..GLOSS_DIRECTIONS {

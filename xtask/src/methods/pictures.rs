@@ -1,5 +1,5 @@
-//! What must hold of the pictures of every method that draws lights from a tree: no bias anywhere, the same bits for any
-//! number of threads, and a part of a picture as in the whole.
+//! What must hold of the pictures of every method that draws lights from a tree: no bias anywhere, the same
+//! bits for any number of threads, and a part of a picture as in the whole.
 
 use scene::{RenderParams, Rendered, SceneRays, builtin};
 use stochastic::Interleave;
@@ -54,7 +54,8 @@ fn blocks(picture: &Rendered) -> Vec<f64> {
     sums
 }
 
-/// The dials that pictures are taken with. `choice=upper` has a test of its own: its bright draws are too rare for two dozen pictures to tell its spread.
+/// The dials that pictures are taken with. `choice=upper` has a test of its own: its bright draws are too
+/// rare for two dozen pictures to tell its spread.
 const DRAWN: [(&str, &[&str]); 15] = [
     ("tree", &["lights=2", "choice=center"]),
     ("split", &["threshold=0.95"]),
@@ -73,8 +74,9 @@ const DRAWN: [(&str, &[&str]); 15] = [
     ("shared-cut", &["m=8", "lights=1", "nodes=40", "guard=on"]),
 ];
 
-/// Camera samples in which a pixel sees the whole of a cut: m². A single one of them shows a part, and which part depends on the seed: right in the mean,
-/// but where one light of a cut does all, two dozen pictures see it in one frame or in none.
+/// Camera samples in which a pixel sees the whole of a cut: m². A single one of them shows a part, and which
+/// part depends on the seed: right in the mean, but where one light of a cut does all, two dozen pictures see
+/// it in one frame or in none.
 fn turn(dials: &[&str]) -> u32 {
     let side = dials.iter().find_map(|dial| dial.strip_prefix("m=")).map_or(1, |m| m.parse().unwrap());
     side * side
@@ -104,7 +106,8 @@ fn no_block_of_pixels_is_biased() {
     }
 }
 
-/// Where a turn begins depends on the seed, evenly: so one frame of interleaved parts is right in the mean over seeds.
+/// Where a turn begins depends on the seed, evenly: so one frame of interleaved parts is right in the mean
+/// over seeds.
 #[test]
 fn a_single_frame_takes_each_part_as_often() {
     const SEEDS: u32 = 4096;
@@ -134,8 +137,8 @@ fn bias(drawn: &[Vec<f64>], exact: &[Vec<f64>]) -> Option<String> {
     })
 }
 
-/// Weights by the nearest point alone draw what matters rarely, and then it is bright: thousands of samples of a few pixels, in batches that are large
-/// enough for their means to be about normal.
+/// Weights by the nearest point alone draw what matters rarely, and then it is bright: thousands of samples
+/// of a few pixels, in batches that are large enough for their means to be about normal.
 #[test]
 fn rare_bright_draws_are_not_biased() {
     const SEEDS: u32 = 16;
@@ -168,8 +171,8 @@ const NEXT_EVENTS: [&[&str]; 8] = [
     &["nee=cut-cdf-vis", "nodes=9", "lights=3", "cells=9", "defensive=0.01"],
 ];
 
-/// Paths whose lights are drawn in any way show what those do whose lights are drawn evenly, and the same bits for any number of threads. Windows are
-/// drawn and hit, so that weights of both count.
+/// Paths whose lights are drawn in any way show what those do whose lights are drawn evenly, and the same
+/// bits for any number of threads. Windows are drawn and hit, so that weights of both count.
 #[test]
 fn paths_are_not_biased_by_how_they_draw_lights() {
     const SEEDS: u32 = 24;
@@ -207,7 +210,8 @@ fn threads_and_parts_of_pictures_do_not_show() {
     }
 }
 
-/// One cut for a block and sample, whatever the size of the block, and none shared where each pixel has its own.
+/// One cut for a block and sample, whatever the size of the block, and none shared where each pixel has its
+/// own.
 #[test]
 fn cuts_are_made_once_a_block() {
     let set = Set::new("hall:60");
@@ -239,8 +243,8 @@ fn dials_that_do_not_go_together_are_refused() {
     assert!(refuse("shared-cut", &["k=4", "m=8"]).contains("have to divide"));
 }
 
-/// The second frame of two: what the first learned leaves it unbiased, and does not depend on threads. Without the first it is the picture that it always
-/// was.
+/// The second frame of two: what the first learned leaves it unbiased, and does not depend on threads.
+/// Without the first it is the picture that it always was.
 #[test]
 fn what_a_frame_learned_is_no_bias_in_the_next() {
     const SEEDS: u32 = 16;

@@ -1,8 +1,8 @@
-//! Reconstruction cuts as a method of direct lighting: blocks of the image, exact cuts at their corners, and in between what the crate
-//! `cutinterp` makes of the corners' impostors.
+//! Reconstruction cuts as a method of direct lighting: blocks of the image, exact cuts at their corners, and
+//! in between what the crate `cutinterp` makes of the corners' impostors.
 //!
-//! Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, section 5: blocks of 16 pixels, divided where their corners are no
-//! part of one smooth surface, down to exact cuts for single pixels.
+//! Walter et al., "Lightcuts: A Scalable Approach to Illumination", 2005, section 5: blocks of 16 pixels,
+//! divided where their corners are no part of one smooth surface, down to exact cuts for single pixels.
 
 use cutinterp::{Impostors, Levels, Reconstruction, ReconstructionParams};
 use glam::{DVec3, Vec3};
@@ -131,7 +131,8 @@ impl<'a> ReconMethod<'a> {
     }
 }
 
-/// Pixels of the corners of the block of this side that a pixel is in, row by row; cut off at the picture's edge.
+/// Pixels of the corners of the block of this side that a pixel is in, row by row; cut off at the picture's
+/// edge.
 fn corners_of(pixel: u32, side: u32, width: u32, height: u32) -> [u32; 4] {
     let (x, y) = (pixel % width, pixel / width);
     let (left, top) = (x / side * side, y / side * side);

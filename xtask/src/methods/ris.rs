@@ -75,7 +75,8 @@ impl DrawLights for RisMethod<'_> {
 /// Share of what a light might give that it counts for at least, while any point of it may give something.
 const LEAST: f64 = 0.05;
 
-/// What the light's middle gives without shadows, as a luminance. A light with an area may give something where its middle gives nothing.
+/// What the light's middle gives without shadows, as a luminance. A light with an area may give something
+/// where its middle gives nothing.
 fn target(frame: &Frame<'_, SceneRays>, point: &ShadingPoint, light: usize) -> f64 {
     let light = &frame.lights[light];
     if light.is_turned_away(point.position, point.geometric_normal) {

@@ -23,7 +23,8 @@ pub(crate) const KEYS: [Key; 4] = [
     trees::BUILDER,
 ];
 
-/// Splits for each point, into at most `lights` subtrees: over the tree of all lights of the frame, and the spread that was made for it.
+/// Splits for each point, into at most `lights` subtrees: over the tree of all lights of the frame, and the
+/// spread that was made for it.
 pub(crate) fn sampler<'a, T: LightHierarchy>(
     tree: &'a T,
     spread: &'a EnergySpread,

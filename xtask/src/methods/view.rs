@@ -1,4 +1,5 @@
-//! What methods that look at the whole view before the picture ask of it: the points that the camera sees, and exact lightcuts there.
+//! What methods that look at the whole view before the picture ask of it: the points that the camera sees,
+//! and exact lightcuts there.
 
 use lightcut::{Estimate, Lightcut};
 use lighttree::rng::Random;
@@ -10,8 +11,8 @@ use scene::{
 
 use super::lightcut::{LightcutMethod, LightcutScratch, REMEMBERED, transfer};
 
-/// The point of each pixel's first camera sample, which the renderer takes later by the same random numbers: row by row, `None` where nothing
-/// is to be lit; and what that took.
+/// The point of each pixel's first camera sample, which the renderer takes later by the same random numbers:
+/// row by row, `None` where nothing is to be lit; and what that took.
 pub(super) fn seen_points<Q: Geometry>(
     frame: &Frame<'_, Q>,
     camera: &Camera,
@@ -78,7 +79,8 @@ impl<Q: Geometry> CutScratch<Q> {
     }
 }
 
-/// Luminance of a point's diffuse part, or 1 where there is none: divided by it, the light of neighbours can be compared.
+/// Luminance of a point's diffuse part, or 1 where there is none: divided by it, the light of neighbours can
+/// be compared.
 pub(super) fn albedo(point: &ShadingPoint) -> f32 {
     let albedo = luminance(point.bsdf.diffuse_albedo(point.normal, point.wo));
     if albedo > 0.0 { albedo } else { 1.0 }

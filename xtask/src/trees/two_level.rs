@@ -1,4 +1,5 @@
-//! `--set builder=two-level`: a tree for the lights of each mesh, shared by its instances, and one over the instances.
+//! `--set builder=two-level`: a tree for the lights of each mesh, shared by its instances, and one over the
+//! instances.
 
 use std::collections::HashMap;
 
@@ -23,7 +24,8 @@ impl KeptMeshes {
         self.built
     }
 
-    /// The tree of mesh number `index`: that of the last frame if its lights are the same, otherwise a new one.
+    /// The tree of mesh number `index`: that of the last frame if its lights are the same, otherwise a new
+    /// one.
     fn mesh(
         &mut self,
         index: usize,
@@ -45,7 +47,8 @@ impl KeptMeshes {
     }
 }
 
-/// The lights of each mesh, and where it is. Lights of all instances, one after the other, are those of the scene.
+/// The lights of each mesh, and where it is. Lights of all instances, one after the other, are those of the
+/// scene.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Levels {
     /// Bounds in the mesh's space, and what instances keep of them.
@@ -54,7 +57,8 @@ pub(crate) struct Levels {
 }
 
 impl Levels {
-    /// Of `lights`, with the same ids: each run of lights on one instance is one of its mesh, and whatever else lies between them is taken as it is.
+    /// Of `lights`, with the same ids: each run of lights on one instance is one of its mesh, and whatever
+    /// else lies between them is taken as it is.
     pub(crate) fn of(lights: &[Light], scene: &Scene) -> Self {
         let mut levels = Self::default();
         // By mesh of the scene and triangles of it, since an instance may have lost some that have no area.
@@ -79,7 +83,8 @@ impl Levels {
     }
 }
 
-/// The tree over `lights`, with the same ids. Meshes whose lights are what they were in the last frame keep their trees.
+/// The tree over `lights`, with the same ids. Meshes whose lights are what they were in the last frame keep
+/// their trees.
 ///
 /// # Errors
 /// A sentence about the light or the instance that cannot be used.
@@ -128,7 +133,8 @@ mod tests {
     use lighttree::{Hierarchy, ItemRanges, LightHierarchy, LightId, NodeId};
     use scene::{Instance, builtin};
 
-    /// Every light is where its id says, within the bounds of every node above it; the same mesh is kept once.
+    /// Every light is where its id says, within the bounds of every node above it; the same mesh is kept
+    /// once.
     #[test]
     fn ids_are_those_of_the_scene() {
         let mut scene = builtin("cornell-lights:300").unwrap();
@@ -153,8 +159,8 @@ mod tests {
         }
     }
 
-    /// Bodies that only move keep their trees; one whose lights change gets a new one, and a frame with other trees than kept is what it is from
-    /// scratch.
+    /// Bodies that only move keep their trees; one whose lights change gets a new one, and a frame with other
+    /// trees than kept is what it is from scratch.
     #[test]
     fn unmoved_lights_of_a_mesh_keep_their_tree() {
         let mut scene = builtin("cornell-lights:300").unwrap();

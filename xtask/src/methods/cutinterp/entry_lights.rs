@@ -1,7 +1,7 @@
 //! The lights of merged cuts, side by side as the cuts' entries are, for all points that share them.
 //!
-//! A triangle far away is its middle here: what a place on it gives varies by a tenth at most, the middle gives nearly the mean, and it goes
-//! eight at a time, where places drawn at random go one by one.
+//! A triangle far away is its middle here: what a place on it gives varies by a tenth at most, the middle
+//! gives nearly the mean, and it goes eight at a time, where places drawn at random go one by one.
 
 use core::f32::consts::FRAC_1_PI;
 
@@ -16,7 +16,8 @@ use super::lights::{Kind, NodeLight, NodeLights, count_lost};
 /// Lights that are shaded at once.
 const LANES: usize = 8;
 
-/// By entry of merged cuts: looked up once, in the order in which every point goes through them. 48 bytes each.
+/// By entry of merged cuts: looked up once, in the order in which every point goes through them. 48 bytes
+/// each.
 #[derive(Debug, Default)]
 pub(super) struct EntryLights {
     /// Places and directions of the virtual ones and of triangles' middles; the others are dark.
@@ -41,7 +42,8 @@ impl EntryLights {
         merged.nodes().for_each(|node| self.push(lights.at(node), lights.bounds(node)));
     }
 
-    /// Takes all entries out. `plain_scale`: whether squares of distances between anything in the scene are well within f32.
+    /// Takes all entries out. `plain_scale`: whether squares of distances between anything in the scene are
+    /// well within f32.
     pub(super) fn clear(&mut self, plain_scale: bool) {
         self.plain_scale = plain_scale;
         self.lanes.clear();
@@ -72,9 +74,9 @@ impl EntryLights {
         }
     }
 
-    /// RGB light that each of the `chosen` entries gives to `point` without shadow; replaces what is in `out`. What clamps take
-    /// away is counted as far as it is seen by interpolated visibility, whatever the mode. Places among the chosen of lights that are too near for
-    /// one place on them go into `near`.
+    /// RGB light that each of the `chosen` entries gives to `point` without shadow; replaces what is in
+    /// `out`. What clamps take away is counted as far as it is seen by interpolated visibility, whatever the
+    /// mode. Places among the chosen of lights that are too near for one place on them go into `near`.
     #[expect(clippy::too_many_arguments, reason = "a point, its cut, and the memory of one thread")]
     pub(super) fn unoccluded<Q: Geometry>(
         &self,
@@ -152,7 +154,8 @@ impl EntryLights {
         near > 0.0 && (near == f32::INFINITY || place().distance_squared(point.position) <= near)
     }
 
-    /// RGB light that the chosen entry at `index` gives to `point` without shadow, for any light and any surface.
+    /// RGB light that the chosen entry at `index` gives to `point` without shadow, for any light and any
+    /// surface.
     fn one<Q: Geometry>(
         &self,
         frame: &Frame<'_, Q>,
@@ -186,7 +189,8 @@ impl EntryLights {
         }));
     }
 
-    /// Whether an entry's bound may be above `limit` at `point`, as luminance, as bits of bytes; no byte where nobody can say quickly.
+    /// Whether an entry's bound may be above `limit` at `point`, as luminance, as bits of bytes; no byte
+    /// where nobody can say quickly.
     pub(super) fn above(&self, point: &ShadingPoint, limit: f64, above: &mut Vec<u8>) {
         let ShadingPoint { position, normal, wo: view, .. } = *point;
         // Downwards.
@@ -288,7 +292,8 @@ struct Power<'a> {
     scale: f32,
     /// n where it is a whole number that few multiplications reach, else 0.
     whole: u32,
-    /// The cosine whose power is e⁻⁸⁰: what is smaller counts as 0, so that no number is too small for a fast multiplication.
+    /// The cosine whose power is e⁻⁸⁰: what is smaller counts as 0, so that no number is too small for a fast
+    /// multiplication.
     least: f32,
 }
 
@@ -337,8 +342,8 @@ mod tests {
     use super::super::lights::one;
     use super::{Chosen, EntryLights, Kind, LANES, Lanes, NodeLight, QuickBounds};
 
-    /// Several lights at once are what each of them is by itself: below horizons, clamped, at the point itself, in and out of the lobe,
-    /// whose exponent may be a whole number or none.
+    /// Several lights at once are what each of them is by itself: below horizons, clamped, at the point
+    /// itself, in and out of the lobe, whose exponent may be a whole number or none.
     #[test]
     fn lanes_are_single_lights() {
         let scene = builtin("cornell").unwrap();
@@ -465,7 +470,8 @@ mod tests {
         assert!(noticed > 4 * missed, "{missed} asked for nothing, {noticed} not asked");
     }
 
-    /// The middle of a triangle far away gives what the mean of many places on it does; near by, and from both sides, nobody takes it.
+    /// The middle of a triangle far away gives what the mean of many places on it does; near by, and from
+    /// both sides, nobody takes it.
     #[test]
     fn a_far_triangle_is_its_middle() {
         let scene = builtin("cornell").unwrap();

@@ -1,12 +1,14 @@
 //! Interpolated cuts held to the lightcuts' own criterion, point by point.
 //!
-//! Records say how fine the cut has to be where they are. A point between them may be nearer to some lights, or have another highlight.
-//! So the bound of each node's error is asked for at the point itself, as a lightcut would, and a node that breaks it is refined
-//! down the tree, with a shadow ray for each node that is left. With a tolerance of one threshold every point gets a lightcut in the
-//! sense of Walter et al. 2005, started at the interpolated cut in place of the root. Where visibility is interpolated there are no rays: what is below a node
-//! is seen as far as the node is.
+//! Records say how fine the cut has to be where they are. A point between them may be nearer to some lights,
+//! or have another highlight. So the bound of each node's error is asked for at the point itself, as a
+//! lightcut would, and a node that breaks it is refined down the tree, with a shadow ray for each node that
+//! is left. With a tolerance of one threshold every point gets a lightcut in the sense of Walter et al. 2005,
+//! started at the interpolated cut in place of the root. Where visibility is interpolated there are no rays:
+//! what is below a node is seen as far as the node is.
 //!
-//! Few nodes break the bound, and [`QuickBounds`](cutinterp::QuickBounds) says of nearly all others that they do not.
+//! Few nodes break the bound, and [`QuickBounds`](cutinterp::QuickBounds) says of nearly all others that they
+//! do not.
 
 use cutinterp::{Chosen, MergedCuts, Visibility};
 use glam::{DVec3, Vec3};
@@ -39,8 +41,9 @@ impl GuardScratch {
 }
 
 impl CutInterpMethod<'_> {
-    /// Refines what of the `chosen` may be wrong by more than `guard` times the threshold; returns the light of what came in its place,
-    /// shadows included, less what it had answered, and takes it out of `unoccluded`.
+    /// Refines what of the `chosen` may be wrong by more than `guard` times the threshold; returns the light
+    /// of what came in its place, shadows included, less what it had answered, and takes it out of
+    /// `unoccluded`.
     #[expect(clippy::too_many_arguments, reason = "a point, its cut, and the memory of one thread")]
     pub(super) fn refine_what_breaks_the_bound<Q: Geometry>(
         &self,
@@ -66,7 +69,8 @@ impl CutInterpMethod<'_> {
         let tolerated = f64::from(self.params.guard * params.threshold) * lit;
         let tree = self.lightcut.tree;
         // In the dark nothing is tolerated: there the number of nodes is what limits a lightcut, too.
-        // Where records' cuts have run into that limit already, a quarter of it is left for what they could not know.
+        // Where records' cuts have run into that limit already, a quarter of it is left for what they could
+        // not know.
         let most = params.max_nodes as usize;
         let mut room = most.saturating_sub(chosen.len()).max(most / 4);
         let mut radiance = DVec3::ZERO;

@@ -1,4 +1,5 @@
-//! The lights that speak for the nodes that records' cuts reach, looked up once for a picture, and what they give to a point.
+//! The lights that speak for the nodes that records' cuts reach, looked up once for a picture, and what they
+//! give to a point.
 
 use cutinterp::Canopy;
 use glam::Vec3;
@@ -12,7 +13,8 @@ use super::super::lightcut::{LightcutMethod, relative};
 #[derive(Debug, Default)]
 pub(crate) struct NodeLights {
     nodes: Vec<NodeLight>,
-    /// Of what a node may send, as luminance, W·sr⁻¹; 0 for a leaf, which cannot be wrong. Empty if nobody asks.
+    /// Of what a node may send, as luminance, W·sr⁻¹; 0 for a leaf, which cannot be wrong. Empty if nobody
+    /// asks.
     bounds: Vec<LightBounds>,
     plain_scale: bool,
 }
@@ -26,7 +28,8 @@ pub(super) struct NodeLight {
     pub(super) kind: Kind,
     /// RGB intensity of the cluster.
     pub(super) intensity: Vec3,
-    /// Square of the distance up to which one place says too little about a light with an area; infinite where that is never enough.
+    /// Square of the distance up to which one place says too little about a light with an area; infinite
+    /// where that is never enough.
     pub(super) near_squared: f32,
 }
 
@@ -107,7 +110,8 @@ impl NodeLight {
     }
 }
 
-/// A triangle's middle and normal, and the distance beyond which [`Light::point`] draws from it by area, rounded upwards.
+/// A triangle's middle and normal, and the distance beyond which [`Light::point`] draws from it by area,
+/// rounded upwards.
 fn far_triangle([a, b, c]: [Vec3; 3]) -> (Vec3, Vec3, f32) {
     let middle = (a + b + c) / 3.0;
     let farthest = [a, b, c].map(|corner| corner.distance(middle)).into_iter().fold(0.0, f32::max);
@@ -120,8 +124,8 @@ pub(super) fn is_of_plain_scale<Q: Geometry>(frame: &Frame<'_, Q>) -> bool {
     (1e-6..1e8).contains(&frame.radius)
 }
 
-/// RGB light that a light of this cluster's RGB intensity gives to `point` without shadow, for any light and any surface; and whether
-/// one place on it is too few, as for a triangle near by.
+/// RGB light that a light of this cluster's RGB intensity gives to `point` without shadow, for any light and
+/// any surface; and whether one place on it is too few, as for a triangle near by.
 pub(super) fn one<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
@@ -144,7 +148,8 @@ pub(super) fn count_lost(point: &ShadingPoint, lost: Vec3, visibility: f32, coun
     counts.clamped_luminance += f64::from(visibility * luminance(lost * point.throughput));
 }
 
-/// A point on a light that need not be virtual, how that compares with the light's mean, per channel, and how many points would do the light justice.
+/// A point on a light that need not be virtual, how that compares with the light's mean, per channel, and how
+/// many points would do the light justice.
 pub(super) fn placed<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
@@ -158,7 +163,8 @@ pub(super) fn placed<Q: Geometry>(
     (at, colour, view.points())
 }
 
-/// What lights a surface at `point` from one direction in place of the cluster whose representative is `light`, shadow aside.
+/// What lights a surface at `point` from one direction in place of the cluster whose representative is
+/// `light`, shadow aside.
 pub(crate) fn impostor<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,

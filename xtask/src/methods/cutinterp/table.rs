@@ -1,17 +1,20 @@
-//! The table of `docs/cutinterp.md`: every mode against `lightcut`, in one run over one set of virtual lights and one tree.
+//! The table of `docs/cutinterp.md`: every mode against `lightcut`, in one run over one set of virtual lights
+//! and one tree.
 //!
-//!     LIGHTTREE_TABLE=sponza:diffuse,sponza:phong:150 cargo test --release -p xtask -- --ignored --nocapture table_of_modes
+//!     LIGHTTREE_TABLE=sponza:diffuse,sponza:phong:150 cargo test --release -p xtask -- --ignored --nocapture
+//!     table_of_modes
 //!
 //! `LIGHTTREE_MODES=interpolated,adaptive` leaves the other modes out, and the small pictures with them.
 //!
 //! `LIGHTTREE_NODES=48,64` adds lightcuts of at most so many nodes, to compare with at equal time.
 //!
-//! `LIGHTTREE_MAPS=FOLDER` keeps the small pictures, where each mode is off (white: half of a pixel's light), and what the method does.
+//! `LIGHTTREE_MAPS=FOLDER` keeps the small pictures, where each mode is off (white: half of a pixel's light),
+//! and what the method does.
 //!
 //! `LIGHTTREE_WORST=5` names the five pixels that are farthest off in each mode.
 //!
-//! References are pictures by `brute` with the same seed, size and pixels, `SCENE-diffuse.exr` or `SCENE-phong.exr` in the folder
-//! `LIGHTTREE_REFERENCES`; without them there is no error column.
+//! References are pictures by `brute` with the same seed, size and pixels, `SCENE-diffuse.exr` or
+//! `SCENE-phong.exr` in the folder `LIGHTTREE_REFERENCES`; without them there is no error column.
 
 use std::path::{Path, PathBuf};
 
@@ -240,8 +243,8 @@ fn table_of_modes() {
             continue;
         }
 
-        // The error of `recon` on the same pixels; whose time is taken from small pictures, because blocks that are divided down to single
-        // pixels take as long as a lightcut.
+        // The error of `recon` on the same pixels; whose time is taken from small pictures, because blocks
+        // that are divided down to single pixels take as long as a lightcut.
         let recon = table.plan("recon", &[]);
         let (judged, _) = table.take(&prepared, &recon, SIZE, Some(JUDGED), &mut none);
         eprintln!("error recon | {}", table.error(&judged.film, &mask));
@@ -271,7 +274,8 @@ fn table_of_modes() {
     }
 }
 
-/// What dials are worth: each row of `LIGHTTREE_DIALS` (between semicolons) is a method and its dials, between spaces.
+/// What dials are worth: each row of `LIGHTTREE_DIALS` (between semicolons) is a method and its dials,
+/// between spaces.
 #[test]
 #[ignore = "some minutes a scene"]
 fn curve_of_speed() {

@@ -114,7 +114,8 @@ fn a_guard_without_rays_takes_visibility_from_above() {
     assert!(asked < 1.1 * none, "{asked} with a guard, {none} without");
 }
 
-/// One place on a triangle that fills a part of the sky says little: without more of them single pixels are off by as much as they have.
+/// One place on a triangle that fills a part of the sky says little: without more of them single pixels are
+/// off by as much as they have.
 #[test]
 fn lights_near_by_are_asked_by_the_point_itself() {
     let set = Box::with("cornell-lights:240");

@@ -17,7 +17,8 @@ use super::{CELL, CutInterpParams};
 /// Rays for a record's harmonic mean distance.
 const GATHER_RAYS: u32 = 16;
 
-/// A record of the last frame is kept where what is seen at its place is so near to it that its weight there is above this.
+/// A record of the last frame is kept where what is seen at its place is so near to it that its weight there
+/// is above this.
 const KEPT_WEIGHT: f32 = 0.5;
 
 /// Records with their cuts, ready to be interpolated, and all that they reach of the tree.
@@ -31,8 +32,9 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// Places records in the picture that `camera` takes, and finds their exact cuts, on all threads of the current pool. Records of
-    /// `last` whose places are still seen are kept with their cuts: lights, tree and geometry must be those of `last`.
+    /// Places records in the picture that `camera` takes, and finds their exact cuts, on all threads of the
+    /// current pool. Records of `last` whose places are still seen are kept with their cuts: lights, tree and
+    /// geometry must be those of `last`.
     #[expect(clippy::too_many_arguments, reason = "what a view is a function of, and who is told")]
     pub(super) fn take<Q: Geometry>(
         frame: &Frame<'_, Q>,
@@ -137,7 +139,8 @@ impl View {
     }
 }
 
-/// A point as records see it. Through mirrors the footprint is that of the straight line to the eye: too small, which only makes for more records.
+/// A point as records see it. Through mirrors the footprint is that of the straight line to the eye: too
+/// small, which only makes for more records.
 fn as_point(point: &ShadingPoint, camera: &Camera, render: &RenderParams) -> Point {
     let per_distance = 2.0 * (0.5 * camera.vertical_fov).tan() / render.height as f32;
     let spacing = point.position.distance(camera.position) * per_distance;
@@ -146,7 +149,8 @@ fn as_point(point: &ShadingPoint, camera: &Camera, render: &RenderParams) -> Poi
     Point { position: point.position, normal: point.normal, footprint: spacing / cos.sqrt(), spacing }
 }
 
-/// Harmonic mean distance to what is within `reach` of a point, over directions of its hemisphere, those near the normal more often.
+/// Harmonic mean distance to what is within `reach` of a point, over directions of its hemisphere, those near
+/// the normal more often.
 fn harmonic_mean<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
@@ -171,8 +175,9 @@ fn harmonic_mean<Q: Geometry>(
     (f64::from(GATHER_RAYS) / sum) as f32
 }
 
-/// Whether points cast their own shadow rays to lights with an area, whatever the mode. A shadow ray goes to one random place on such a light, so
-/// what one record found there says little about its neighbours; and where they are few, they are what sharp shadows come from.
+/// Whether points cast their own shadow rays to lights with an area, whatever the mode. A shadow ray goes to
+/// one random place on such a light, so what one record found there says little about its neighbours; and
+/// where they are few, they are what sharp shadows come from.
 pub(super) fn asks_lights_with_area<Q>(frame: &Frame<'_, Q>) -> bool {
     frame.area_lights <= BruteForce::OWN_POINTS
 }

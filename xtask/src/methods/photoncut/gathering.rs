@@ -12,7 +12,8 @@ use scene::{Counts, Coverage, Frame, Geometry, MAX_CHAIN, Purpose, ShadingPoint,
 
 use super::{Maps, Memory, is_lambert, sample};
 
-/// Gathers at a point over the whole hemisphere; `guided`, in the directions that the memory's guide says. `index` decides the random numbers.
+/// Gathers at a point over the whole hemisphere; `guided`, in the directions that the memory's guide says.
+/// `index` decides the random numbers.
 #[expect(clippy::too_many_arguments, reason = "the state of one point")]
 pub(super) fn at<Q: Geometry>(
     frame: &Frame<'_, Q>,
@@ -78,8 +79,8 @@ pub(super) fn along_lobes<Q: Geometry>(
     sum / rays as f32
 }
 
-/// Radiance along one ray: through mirrors and glass to a surface, and what that reflects of the light that photons bring to it. Emitters give none: what
-/// they send here is direct light, or a caustic.
+/// Radiance along one ray: through mirrors and glass to a surface, and what that reflects of the light that
+/// photons bring to it. Emitters give none: what they send here is direct light, or a caustic.
 ///
 /// A glossy surface out there counts as diffuse, of the reflectance that it has towards here.
 #[expect(clippy::too_many_arguments, reason = "the state of one ray")]

@@ -27,7 +27,8 @@ const PILOT: u64 = 4096;
 const PATIENCE: u64 = 50;
 
 impl Maps {
-    /// Traces photons of `bounces` bounces and builds the maps; says on standard error what it took and where the power went.
+    /// Traces photons of `bounces` bounces and builds the maps; says on standard error what it took and where
+    /// the power went.
     ///
     /// # Errors
     /// If the walk brings a photon that a map refuses.
@@ -96,7 +97,8 @@ fn photon(arrival: &Arrival) -> Photon {
     }
 }
 
-/// Walks as many paths as bring about `wanted` photons, `most` at most. The pilot that counts them has numbers of its own, so that the walk stays unbiased.
+/// Walks as many paths as bring about `wanted` photons, `most` at most. The pilot that counts them has
+/// numbers of its own, so that the walk stays unbiased.
 fn about(
     frame: &Frame<'_, SceneRays>,
     wanted: u32,

@@ -1,7 +1,9 @@
-//! How near things are to what each pixel sees: a ray or two from each of them, pooled with what its neighbours on the same surface found.
+//! How near things are to what each pixel sees: a ray or two from each of them, pooled with what its
+//! neighbours on the same surface found.
 //!
-//! Not in Wang et al. 2009, whose metric knows place and normal alone, so that a ledge a pixel high below a worktop takes the light of the worktop. Pooled harmonic
-//! means are what a gather of as many rays would give; some ten rays are enough to tell a gap from the open.
+//! Not in Wang et al. 2009, whose metric knows place and normal alone, so that a ledge a pixel high below a
+//! worktop takes the light of the worktop. Pooled harmonic means are what a gather of as many rays would
+//! give; some ten rays are enough to tell a gap from the open.
 
 use core::f32::consts::PI;
 
@@ -14,7 +16,8 @@ use scene::{Counts, Coverage, Frame, Purpose, SceneRays, ShadingPoint, vertex};
 /// Pixels to each side whose rays are pooled.
 const POOL: i32 = 2;
 
-/// Neighbouring pixels whose rays go different ways: as many to a side as the square that is pooled covers at least once.
+/// Neighbouring pixels whose rays go different ways: as many to a side as the square that is pooled covers at
+/// least once.
 const TILE: u32 = 4;
 
 /// Cosine of 25 degrees: what is turned farther is another surface.
@@ -95,8 +98,9 @@ impl Nearness {
         &self.places
     }
 
-    /// Where any camera sample asks for light: it takes the distance of the nearest point on its surface in the nine pixels around it; where none is on its surface, the
-    /// least of them, for what no first sample saw is small.
+    /// Where any camera sample asks for light: it takes the distance of the nearest point on its surface in
+    /// the nine pixels around it; where none is on its surface, the least of them, for what no first sample
+    /// saw is small.
     pub(super) fn place(&self, point: &ShadingPoint) -> Place {
         let mut nearest = (f32::INFINITY, f32::INFINITY);
         let mut least = f32::INFINITY;
@@ -112,7 +116,8 @@ impl Nearness {
         Place { mean_distance, ..Place::new(point.position, point.normal) }
     }
 
-    /// One of the directions that pixels of a tile share out among them: strata of the cosine, and angles by the golden section.
+    /// One of the directions that pixels of a tile share out among them: strata of the cosine, and angles by
+    /// the golden section.
     fn direction(&self, point: &ShadingPoint, ray: u32, rays: u32, random: &mut Random) -> Vec3 {
         let (column, row) = (point.pixel % self.size.0, point.pixel / self.size.0);
         let (tile, number) = (TILE * TILE, column % TILE * TILE + row % TILE);
@@ -155,7 +160,8 @@ mod tests {
     use super::super::sparse::shading_points;
     use super::*;
 
-    /// One ray a pixel, pooled, tells what a hundred rays tell at each; camera samples that are no first ones are told, too.
+    /// One ray a pixel, pooled, tells what a hundred rays tell at each; camera samples that are no first ones
+    /// are told, too.
     #[test]
     fn a_ray_a_pixel_is_enough() {
         let scene = builtin("cornell").unwrap();

@@ -25,16 +25,19 @@ pub(crate) struct Sparse {
 /// Rounds of points that are chosen by doubt: each sees what the one before has found.
 const ROUNDS: u32 = 3;
 
-/// One in so many clusters is gathered for in each of the first rounds: what their rays meet guides those of the next.
+/// One in so many clusters is gathered for in each of the first rounds: what their rays meet guides those of
+/// the next.
 const PIONEERS: [usize; 3] = [16, 4, 1];
 
-/// A gathered point, with harmonics where the scene has glossy surfaces, and what its rays met where they guide others.
+/// A gathered point, with harmonics where the scene has glossy surfaces, and what its rays met where they
+/// guide others.
 type Gathered = (GatherSample, Option<RadianceSh>, Vec<Met>, Counts);
 
 impl Sparse {
-    /// Clusters what the camera sees in the first sample of each pixel, and gathers at each cluster's representative, then where what these foretell disagrees: at more points,
-    /// of fewer rays each, since it is places that are missing there. Clusters of the frame before, if there are any, keep their centres where they still fit; `before` is
-    /// left with those of this frame.
+    /// Clusters what the camera sees in the first sample of each pixel, and gathers at each cluster's
+    /// representative, then where what these foretell disagrees: at more points, of fewer rays each, since it
+    /// is places that are missing there. Clusters of the frame before, if there are any, keep their centres
+    /// where they still fit; `before` is left with those of this frame.
     ///
     /// # Errors
     /// If the points cannot be clustered.
@@ -250,7 +253,8 @@ impl<'a> Gatherer<'a> {
         self.seconds += start.elapsed().as_secs_f64();
     }
 
-    /// What each point weighs when more are chosen: its squared doubt. A round looks at its own share of the points, and leaves the others at 0.
+    /// What each point weighs when more are chosen: its squared doubt. A round looks at its own share of the
+    /// points, and leaves the others at 0.
     fn doubts(&self, round: u32, samples: &IrradianceSamples) -> Vec<f32> {
         let doubt = |scratch: &mut _, i: usize| {
             if i as u32 % ROUNDS != round {

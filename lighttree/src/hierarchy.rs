@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use crate::{LightBounds, LightId};
+use crate::{FourBounds, LightBounds, LightId};
 
 /// Index of a node in its own hierarchy. How indices are laid out is the hierarchy's business.
 #[derive(
@@ -42,6 +42,16 @@ pub trait LightHierarchy: ItemRanges {
     /// Bounds of all lights below `node`.
     fn bounds(&self, node: NodeId) -> LightBounds;
 
+    /// Bounds of `first[0]`, of the node after it, of `first[1]` and of the one after that: two pairs of
+    /// siblings, which is what walks ask for. Exactly what [`bounds`](Self::bounds) says of each; a tree whose
+    /// records are packed can say it for less than four times the price.
+    #[inline]
+    fn bounds_of_pairs(&self, first: [NodeId; 2]) -> FourBounds {
+        let [a, b] = first;
+        let next = |node: NodeId| NodeId(node.0 + 1);
+        FourBounds::new(&[self.bounds(a), self.bounds(next(a)), self.bounds(b), self.bounds(next(b))])
+    }
+
     /// The light in a slot.
     fn light_at(&self, slot: u32) -> LightId;
 
@@ -75,6 +85,9 @@ impl<T: ItemRanges + ?Sized> ItemRanges for &T {
 impl<T: LightHierarchy + ?Sized> LightHierarchy for &T {
     fn bounds(&self, node: NodeId) -> LightBounds {
         (**self).bounds(node)
+    }
+    fn bounds_of_pairs(&self, first: [NodeId; 2]) -> FourBounds {
+        (**self).bounds_of_pairs(first)
     }
     fn light_at(&self, slot: u32) -> LightId {
         (**self).light_at(slot)

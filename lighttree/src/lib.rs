@@ -91,6 +91,7 @@ pub mod conformance;
 mod cut;
 mod emitter;
 pub mod exhaustive;
+mod four;
 mod hierarchy;
 mod node;
 pub mod oracle;
@@ -120,6 +121,7 @@ pub use emitter::{
     DiskLight, Emitter, EmittingPoint, LightId, OrientedVpl, PointLight, PointwiseEmitter, SphereLight,
     SpotLight, TriangleLight,
 };
+pub use four::{FourBounds, FourCones};
 pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
 pub use node::{LightNode, PerfectNode};
 pub use perfect::{PerfectScratch, PerfectTree};

@@ -11,10 +11,11 @@
 
 use core::ops::Range;
 
-use bytemuck::{Pod, Zeroable};
-use glam::{DVec3, Vec3};
+use bytemuck::{Pod, Zeroable, must_cast_ref};
+use glam::{DVec3, Vec3, Vec4};
 
-use crate::LightBounds;
+use crate::four::{columns, words};
+use crate::{FourBounds, FourCones, LightBounds};
 
 /// A node of a [`LightTree`](crate::LightTree): bounds with a cone, and where its children and lights are.
 ///
@@ -85,6 +86,59 @@ impl LightNode {
             intensity: self.intensity,
         }
     }
+}
+
+/// [`LightNode::bounds`] of four nodes, to the bit, each step for all of them together.
+#[inline(always)]
+pub(crate) fn four_light_nodes(nodes: [&LightNode; 4]) -> FourBounds {
+    let [a, b, c, d] = nodes.map(must_cast_ref::<LightNode, [Vec4; 3]>);
+    let [min_x, min_y, min_z, _] = columns([a[0], b[0], c[0], d[0]]);
+    let [max_x, max_y, max_z, _] = columns([a[1], b[1], c[1], d[1]]);
+    let [axis, cone, intensity, _] = columns([a[2], b[2], c[2], d[2]]);
+    FourBounds {
+        min: [min_x, min_y, min_z],
+        max: [max_x, max_y, max_z],
+        intensity,
+        cones: four_cones(words(axis), words(cone)),
+    }
+}
+
+/// Of the two words of each; `None` if every `theta_o` is 180°.
+#[inline(always)]
+fn four_cones(axis: [u32; 4], cone: [u32; 4]) -> Option<FourCones> {
+    let [a, b, c, d] = cone;
+    if a & b & c & d & 0xffff == 0xffff {
+        return None;
+    }
+    let of =
+        |words: [u32; 4], f: fn(u32) -> f32| Vec4::new(f(words[0]), f(words[1]), f(words[2]), f(words[3]));
+    // As `decode_axis` does it.
+    let unquantised = |half: fn(u32) -> f32| (of(axis, half) / AXIS_STEPS).max(Vec4::NEG_ONE);
+    let x = unquantised(|word| f32::from((word as u16).cast_signed()));
+    let y = unquantised(|word| f32::from(((word >> 16) as u16).cast_signed()));
+    let z = Vec4::ONE - x.abs() - y.abs();
+    let is_folded = z.cmplt(Vec4::ZERO);
+    let folded = |a: Vec4, b: Vec4| Vec4::select(is_folded, (Vec4::ONE - b.abs()).copysign(a), a);
+    let (x, y) = (folded(x, y), folded(y, x));
+    let inverse = (x * x + y * y + z * z).sqrt().recip();
+
+    let sin_o = of(cone, |word| f32::from(word as u16)) / 65535.0;
+    let sin_e = of(cone, |word| f32::from((word >> 16) as u16 & 0x7fff)) / 32767.0;
+    Some(FourCones {
+        axis: [x * inverse, y * inverse, z * inverse],
+        cos_theta_o: Vec4::ONE - 2.0 * sin_o * sin_o,
+        cos_theta_e: Vec4::ONE - sin_e * sin_e,
+        two_sided: of(cone, |word| f32::from_bits(word & 1 << 31 | 1.0f32.to_bits())).cmplt(Vec4::ZERO),
+    })
+}
+
+/// [`PerfectNode::bounds`] of four nodes.
+#[inline(always)]
+pub(crate) fn four_perfect_nodes(nodes: [&PerfectNode; 4]) -> FourBounds {
+    let [a, b, c, d] = nodes.map(must_cast_ref::<PerfectNode, [Vec4; 2]>);
+    let [min_x, min_y, min_z, intensity] = columns([a[0], b[0], c[0], d[0]]);
+    let [max_x, max_y, max_z, _] = columns([a[1], b[1], c[1], d[1]]);
+    FourBounds { min: [min_x, min_y, min_z], max: [max_x, max_y, max_z], intensity, cones: None }
 }
 
 /// A node of a [`PerfectTree`](crate::PerfectTree): box, intensity, and one word that leaves and inner nodes

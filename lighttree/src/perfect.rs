@@ -18,7 +18,8 @@ use crate::build::{
     BuildError, MortonBits, emit::ceil_log2, morton, morton::Keys, radix::Keyed, survey, survey::Survey,
 };
 use crate::{
-    Emitter, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, NodeId, PerfectNode, parallel,
+    Emitter, FourBounds, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, NodeId, PerfectNode,
+    node::four_perfect_nodes, parallel,
 };
 
 /// A perfect binary tree over lights in Morton order. Built in linear time; its nodes know no directions.
@@ -174,6 +175,12 @@ impl PerfectTree {
         &self.nodes[self.node_index(node)]
     }
 
+    /// A node and the next of its level.
+    #[inline(always)]
+    fn pair(&self, first: NodeId) -> &[PerfectNode; 2] {
+        self.nodes[self.node_index(first)..].first_chunk().expect("siblings of this tree")
+    }
+
     /// Number of lights in the tree.
     pub fn len(&self) -> usize {
         self.len as usize
@@ -234,7 +241,7 @@ impl PerfectTree {
     }
 
     /// Depth of a node, and its place in its level.
-    #[inline]
+    #[inline(always)]
     fn place(&self, node: NodeId) -> (u32, u32) {
         let depth = node.0.ilog2();
         assert!(depth <= self.depth, "node {} is not of this tree", node.0);
@@ -358,9 +365,9 @@ impl Hierarchy for PerfectTree {
         if depth == self.depth {
             return 0..0;
         }
-        let below = ((self.len - 1) >> (self.depth - depth - 1)) + 1;
+        let last = (self.len - 1) >> (self.depth - depth - 1);
         let first = 2 * node.0;
-        first..first + (below - 2 * place).min(2)
+        first..first + if 2 * place < last { 2 } else { 1 }
     }
 }
 
@@ -378,6 +385,12 @@ impl LightHierarchy for PerfectTree {
     #[inline]
     fn bounds(&self, node: NodeId) -> LightBounds {
         self.node(node).bounds()
+    }
+
+    #[inline]
+    fn bounds_of_pairs(&self, first: [NodeId; 2]) -> FourBounds {
+        let [[a, b], [c, d]] = [self.pair(first[0]), self.pair(first[1])];
+        four_perfect_nodes([a, b, c, d])
     }
 
     #[inline]

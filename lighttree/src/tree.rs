@@ -3,7 +3,8 @@
 use core::ops::Range;
 
 use crate::{
-    Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, LightNode, NodeId, build::emit::ROOT,
+    FourBounds, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, LightNode, NodeId,
+    build::emit::ROOT, node::four_light_nodes,
 };
 
 /// A binary tree over the lights of a scene. Built by [`build`](Self::build); holds ids, never lights.
@@ -44,6 +45,12 @@ impl LightTree {
     #[inline]
     pub fn node(&self, node: NodeId) -> &LightNode {
         &self.nodes[node.0 as usize]
+    }
+
+    /// A node and the next.
+    #[inline(always)]
+    fn pair(&self, first: NodeId) -> &[LightNode; 2] {
+        self.nodes[first.0 as usize..].first_chunk().expect("siblings of this tree")
     }
 
     /// The light of every slot.
@@ -105,6 +112,12 @@ impl LightHierarchy for LightTree {
     #[inline]
     fn bounds(&self, node: NodeId) -> LightBounds {
         self.node(node).bounds()
+    }
+
+    #[inline]
+    fn bounds_of_pairs(&self, first: [NodeId; 2]) -> FourBounds {
+        let [[a, b], [c, d]] = [self.pair(first[0]), self.pair(first[1])];
+        four_light_nodes([a, b, c, d])
     }
 
     #[inline]

@@ -18,6 +18,7 @@
 //!   limit.
 
 mod choice;
+mod descent;
 mod many;
 mod pair;
 mod sphere;
@@ -29,11 +30,9 @@ use glam::Vec3;
 pub use self::choice::ChildChoice;
 use self::choice::{FLOOR, Fork};
 pub use self::many::{WalkFrom, Walks};
-use self::pair::{Siblings, Viewpoint, Weighed, weigh};
+use self::pair::{Viewpoint, weigh};
 use crate::rng::{Decisions, probability, quantized};
-use crate::{
-    BoundTerms, LightBounds, LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver, Toward,
-};
+use crate::{BoundTerms, LightHierarchy, LightId, LightSample, LightSampler, NodeId, Receiver, Toward};
 
 /// Draws one light by one walk down a light tree.
 ///
@@ -253,31 +252,18 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
         viewpoint: Option<&Viewpoint>,
         receiver: &(impl Receiver + ?Sized),
     ) -> Fork {
-        let (a, b) = self.siblings(NodeId(first));
+        let first = NodeId(first);
         if let Some(viewpoint) = viewpoint {
-            let pair = Siblings { viewpoint, first: &a, second: &b };
-            let both = weigh([&pair; 2], |node| {
+            let both = weigh([viewpoint; 2], &self.tree.bounds_of_pairs([first; 2]), |lane| {
+                let node = self.tree.bounds(NodeId(first.0 + lane as u32));
                 receiver.scatter_importance(&Toward::new(receiver.position(), node.min, node.max))
             });
-            if let Some(weighed) = both.of::<0>(&pair) {
-                return self.fork(viewpoint, &weighed);
+            let [first_of_pair, _] = self.choice.first_of_both(&both);
+            if let Some(fork) = both.fork::<0>(first_of_pair) {
+                return fork;
             }
         }
-        self.first_of_two_in_f64(&[a, b], receiver)
-    }
-
-    /// The bounds of a node and of the next.
-    #[inline(always)]
-    fn siblings(&self, first: NodeId) -> (LightBounds, LightBounds) {
-        // Not by `map`, which the optimiser leaves as calls that pass their results through memory.
-        (self.tree.bounds(first), self.tree.bounds(NodeId(first.0 + 1)))
-    }
-
-    #[inline(always)]
-    fn fork(&self, viewpoint: &Viewpoint, weighed: &Weighed) -> Fork {
-        Fork::new(weighed.strength, || {
-            self.choice.first_of_weighed(weighed, f64::from(viewpoint.least_squared))
-        })
+        self.first_of_two_in_f64(first, receiver)
     }
 
     #[inline]
@@ -288,8 +274,9 @@ impl<'t, T: LightHierarchy> TreeSampler<'t, T> {
     /// The same to the last digit, where f32 has not enough of them.
     #[cold]
     #[inline(never)]
-    fn first_of_two_in_f64(&self, pair: &[LightBounds; 2], receiver: &(impl Receiver + ?Sized)) -> Fork {
-        let [a, b] = pair.each_ref().map(|bounds| BoundTerms::importance(bounds, receiver));
+    fn first_of_two_in_f64(&self, first: NodeId, receiver: &(impl Receiver + ?Sized)) -> Fork {
+        let [a, b] = [first, NodeId(first.0 + 1)]
+            .map(|node| BoundTerms::importance(&self.tree.bounds(node), receiver));
         Fork::new([a.strength, b.strength], || {
             self.choice.first_probability(&a, &b, self.least_distance_squared)
         })

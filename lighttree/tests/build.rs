@@ -1,10 +1,10 @@
 //! What is true of every tree, whoever built it: properties over all presets, on lights that aim at trouble.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 use lighttree::strategies::{direction, half_angle, light_bounds};
 use lighttree::{
-    BuildError, BuildParams, Emitter, LightBounds, LightHierarchy, LightId, LightNode, LightTree, MortonBits,
-    NodeId, PerfectScratch, PerfectTree, RefitError,
+    BuildError, BuildParams, Emitter, FourBounds, FourCones, LightBounds, LightHierarchy, LightId, LightNode,
+    LightTree, MortonBits, NodeId, PerfectScratch, PerfectTree, RefitError,
 };
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -87,6 +87,34 @@ fn depth(tree: &impl LightHierarchy) -> u32 {
     deepest
 }
 
+/// Every word of four nodes' bounds.
+fn words(four: &FourBounds) -> Vec<[u32; 4]> {
+    let mut lanes = [four.min, four.max].concat();
+    lanes.push(four.intensity);
+    if let Some(FourCones { axis, cos_theta_o, cos_theta_e, two_sided }) = four.cones {
+        lanes.extend(axis);
+        lanes.extend([cos_theta_o, cos_theta_e, Vec4::select(two_sided, Vec4::ONE, Vec4::ZERO)]);
+    }
+    lanes.iter().map(|lanes| lanes.to_array().map(f32::to_bits)).collect()
+}
+
+/// What walks ask about two pairs of siblings is, to the bit, what the nodes say of themselves.
+fn pairs_are_their_nodes(tree: &impl LightHierarchy) {
+    let Some(root) = tree.root() else { return };
+    let (mut open, mut pairs) = (vec![root], vec![]);
+    while let Some(node) = open.pop() {
+        let children = tree.children(node);
+        open.extend(children.clone().map(NodeId));
+        if children.len() == 2 {
+            pairs.push(NodeId(children.start));
+        }
+    }
+    for (&a, &b) in pairs.iter().zip(pairs.iter().rev()) {
+        let alone = [a, NodeId(a.0 + 1), b, NodeId(b.0 + 1)].map(|node| tree.bounds(node));
+        assert_eq!(words(&tree.bounds_of_pairs([a, b])), words(&FourBounds::new(&alone)), "{alone:?}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
 
@@ -96,6 +124,7 @@ proptest! {
             let tree = LightTree::build(&lights, &BuildParams { max_leaf, ..params }).unwrap();
             prop_assert_eq!(tree.check(), Ok(()));
             check_tree(&tree, &lights);
+            pairs_are_their_nodes(&tree);
             prop_assert!(depth(&tree) <= 64);
             for node in tree.nodes() {
                 prop_assert!(!node.is_leaf() || (1..=max_leaf).contains(&node.item_count));
@@ -105,6 +134,7 @@ proptest! {
             let tree = PerfectTree::build(&lights, bits).unwrap();
             prop_assert_eq!(tree.check(), Ok(()));
             check_tree(&tree, &lights);
+            pairs_are_their_nodes(&tree);
         }
     }
 

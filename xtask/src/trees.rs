@@ -5,8 +5,8 @@ mod two_level;
 use std::ops::Range;
 
 use lighttree::{
-    BuildParams, ChildChoice, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId, LightTree,
-    MortonBits, NodeId, PerfectTree,
+    BuildParams, ChildChoice, FourBounds, Hierarchy, ItemRanges, LightBounds, LightHierarchy, LightId,
+    LightTree, MortonBits, NodeId, PerfectTree,
 };
 
 use scene::{Light, Scene};
@@ -142,6 +142,9 @@ impl ItemRanges for Tree {
 impl LightHierarchy for Tree {
     fn bounds(&self, node: NodeId) -> LightBounds {
         either!(self, tree => tree.bounds(node))
+    }
+    fn bounds_of_pairs(&self, first: [NodeId; 2]) -> FourBounds {
+        either!(self, tree => tree.bounds_of_pairs(first))
     }
     fn light_at(&self, slot: u32) -> LightId {
         either!(self, tree => tree.light_at(slot))

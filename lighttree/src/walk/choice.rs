@@ -1,6 +1,8 @@
 //! From what two children may contribute to the probability of either.
 
-use super::pair::Weighed;
+use glam::{Vec4, Vec4Swizzles};
+
+use super::pair::Both;
 use crate::BoundTerms;
 use crate::rng::{probability, quantized};
 
@@ -41,7 +43,7 @@ pub(super) enum Fork {
 
 impl Fork {
     /// Of two strengths, and what the probability of the first is if both are positive.
-    #[inline]
+    #[inline(always)]
     pub(super) fn new([a, b]: [f64; 2], first: impl FnOnce() -> f64) -> Self {
         match (a > 0.0, b > 0.0) {
             (false, false) => Self::Dead,
@@ -94,38 +96,72 @@ impl ChildChoice {
 }
 
 impl ChildChoice {
-    /// [`first_probability`](Self::first_probability) of two finite strengths, with scaled lengths; `least`
-    /// is scaled, too.
+    /// [`first_probability`](Self::first_probability) of two pairs, in 2^-32s: of finite strengths, with scaled
+    /// lengths. Of no meaning for a pair of which one cannot contribute.
     #[inline(always)]
-    pub(super) fn first_of_weighed(self, weighed: &Weighed, least: f64) -> f64 {
-        let [a, b] = weighed.strength;
-        let ([near_a, near_b], [far_a, far_b]) = (weighed.near_squared, weighed.far_squared);
-        let inside_both = near_a == 0.0 && near_b == 0.0;
-        let (near_a, near_b) = if inside_both { (1.0, 1.0) } else { (f64::from(near_a), f64::from(near_b)) };
-        match self {
+    pub(super) fn first_of_both(self, both: &Both) -> [u32; 2] {
+        let strength = |i: usize| f64::from(both.intensity[i]) * f64::from(both.strength[i]);
+        let (a, b) = ([strength(0), strength(2)], [strength(1), strength(3)]);
+        // Inside of both the near pair ignores distance.
+        let inside = both.near_squared.cmpeq(Vec4::ZERO);
+        let inside = inside & both.near_squared.yxwz().cmpeq(Vec4::ZERO);
+        let near = Vec4::select(inside, Vec4::ONE, both.near_squared);
+        let p = match self {
             Self::MinMaxAverage => {
                 // The mean of two fractions as one.
-                let (n_a, n_b) = (a * near_b, b * near_a);
-                let (f_a, f_b) = (a * f64::from(far_b), b * f64::from(far_a));
-                let (near, far) = (n_a + n_b, f_a + f_b);
-                0.5 * (n_a * far + f_a * near) / (near * far)
+                let (n_a, n_b) = (times(a, seconds(near)), times(b, firsts(near)));
+                let (f_a, f_b) = (times(a, seconds(both.far_squared)), times(b, firsts(both.far_squared)));
+                let (near, far) = (plus(n_a, n_b), plus(f_a, f_b));
+                let above = plus(times(n_a, far), times(f_a, near));
+                over(times([0.5; 2], above), times(near, far))
             }
-            Self::Upper => fraction(a * near_b, b * near_a),
+            Self::Upper => fraction(times(a, seconds(near)), times(b, firsts(near))),
             Self::Yuksel2019 => {
-                let is_close = (0..2).any(|i| weighed.near_squared[i] < weighed.diagonal_squared[i]);
-                if is_close { fraction(a, b) } else { fraction(a * near_b, b * near_a) }
+                let close = both.near_squared.cmplt(both.diagonal_squared);
+                let close = close | both.near_squared.yxwz().cmplt(both.diagonal_squared.yxwz());
+                let near = Vec4::select(close, Vec4::ONE, near);
+                fraction(times(a, seconds(near)), times(b, firsts(near)))
             }
             Self::Center => {
-                let [of_a, of_b] = weighed.center_squared.map(|x| (0.25 * f64::from(x)).max(least));
-                fraction(a * of_b, b * of_a)
+                let center = (0.25 * both.center_squared).max(both.least_squared);
+                fraction(times(a, seconds(center)), times(b, firsts(center)))
             }
-        }
+        };
+        [quantized(p[0], FLOOR), quantized(p[1], FLOOR)]
     }
 }
 
+// Of two pairs at a time: one operation of the processor each.
+
+#[inline(always)]
+fn firsts(lanes: Vec4) -> [f64; 2] {
+    [f64::from(lanes.x), f64::from(lanes.z)]
+}
+
+#[inline(always)]
+fn seconds(lanes: Vec4) -> [f64; 2] {
+    [f64::from(lanes.y), f64::from(lanes.w)]
+}
+
+#[inline(always)]
+fn times(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] * b[0], a[1] * b[1]]
+}
+
+#[inline(always)]
+fn plus(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+#[inline(always)]
+fn over(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] / b[0], a[1] / b[1]]
+}
+
 /// a / (a + b).
-fn fraction(a: f64, b: f64) -> f64 {
-    a / (a + b)
+#[inline(always)]
+fn fraction(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    over(a, plus(a, b))
 }
 
 /// a / (a + b) of two weights that are not both 0; infinite ones outweigh all others.

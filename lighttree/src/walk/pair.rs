@@ -16,8 +16,9 @@
 
 use glam::{BVec4A, Vec3, Vec4};
 
+use super::choice::Fork;
 use super::sphere::Sphere;
-use crate::{LightBounds, Receiver, ScatterLobes};
+use crate::{FourBounds, Receiver, ScatterLobes};
 
 /// A receiver, prepared for walks.
 #[derive(Clone, Copy, Debug)]
@@ -26,67 +27,45 @@ pub(super) struct Viewpoint {
     /// Power of two that scales lengths to about the larger of the scene and its distance.
     scale: f32,
     /// The least squared distance that a sampler tells from others, scaled.
-    pub(super) least_squared: f32,
+    least_squared: f32,
     lobes: Option<ScatterLobes>,
 }
 
 /// What decides between two children, of two pairs; lengths are scaled.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Both {
+    pub(super) intensity: Vec4,
     /// Emission × scattering, each, up to a factor of both siblings; 0 only for nodes that cannot contribute.
-    strength: [f32; 4],
-    near_squared: [f32; 4],
-    far_squared: [f32; 4],
-    center_squared: [f32; 4],
-    diagonal_squared: [f32; 4],
+    pub(super) strength: Vec4,
+    /// Squared distances to the nearest point of each box, but not below the least unless 0.
+    pub(super) near_squared: Vec4,
+    /// Squared distances to the farthest point of each box, but not below the least.
+    pub(super) far_squared: Vec4,
+    /// Four times the squared distances to the boxes' centres.
+    pub(super) center_squared: Vec4,
+    /// Squared lengths of the boxes' diagonals.
+    pub(super) diagonal_squared: Vec4,
+    /// The least squared distance of each receiver.
+    pub(super) least_squared: Vec4,
     /// A bit for each lane in which rounding decides nothing.
     sure: u32,
-}
-
-/// What decides between two children; lengths are scaled.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Weighed {
-    /// Intensity × emission × scattering, each, up to a factor of both; 0 only for nodes that cannot
-    /// contribute.
-    pub(super) strength: [f64; 2],
-    /// Squared distances to the nearest point of each box, but not below the least unless 0.
-    pub(super) near_squared: [f32; 2],
-    /// Squared distances to the farthest point of each box, but not below the least.
-    pub(super) far_squared: [f32; 2],
-    /// Four times the squared distances to the boxes' centres.
-    pub(super) center_squared: [f32; 2],
-    /// Squared lengths of the boxes' diagonals.
-    pub(super) diagonal_squared: [f32; 2],
+    /// A bit for each lane that may contribute.
+    alive: u32,
 }
 
 impl Both {
-    /// Pair `I`, of these siblings; `None` where rounding might decide.
+    /// What becomes of pair `I`, `first` being the probability of the first if both may contribute; `None`
+    /// where rounding might decide.
     #[inline(always)]
-    pub(super) fn of<const I: usize>(&self, pair: &Siblings<'_>) -> Option<Weighed> {
-        if self.sure >> (2 * I) & 0b11 != 0b11 {
-            return None;
-        }
-        let of = |values: &[f32; 4]| [values[2 * I], values[2 * I + 1]];
-        let [a, b] = of(&self.strength);
-        Some(Weighed {
-            strength: [
-                f64::from(pair.first.intensity) * f64::from(a),
-                f64::from(pair.second.intensity) * f64::from(b),
-            ],
-            near_squared: of(&self.near_squared),
-            far_squared: of(&self.far_squared),
-            center_squared: of(&self.center_squared),
-            diagonal_squared: of(&self.diagonal_squared),
+    pub(super) fn fork<const I: usize>(&self, first: u32) -> Option<Fork> {
+        let of = |mask: u32| mask >> (2 * I) & 0b11;
+        (of(self.sure) == 0b11).then(|| match of(self.alive) {
+            0b11 => Fork::Either(first),
+            0b01 => Fork::Only(true),
+            0b10 => Fork::Only(false),
+            _ => Fork::Dead,
         })
     }
-}
-
-/// Two siblings and who looks at them.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Siblings<'a> {
-    pub(super) viewpoint: &'a Viewpoint,
-    pub(super) first: &'a LightBounds,
-    pub(super) second: &'a LightBounds,
 }
 
 /// A vector in each lane.
@@ -134,52 +113,39 @@ impl Viewpoint {
     }
 }
 
-/// Weighs two pairs. `scatter` is asked about nodes seen by a receiver without
-/// [`lobes`](Viewpoint::has_lobes), in which case both have to be the same.
+/// Weighs two pairs, each as seen by its viewpoint. `scatter` is asked about the first and the second node if
+/// the receiver has no [`lobes`](Viewpoint::has_lobes), in which case both pairs have to be the same.
 #[inline(always)]
-pub(super) fn weigh(pairs: [&Siblings<'_>; 2], scatter: impl Fn(&LightBounds) -> f32) -> Both {
-    let scale = of_views(pairs, |view| view.scale);
+pub(super) fn weigh(views: [&Viewpoint; 2], nodes: &FourBounds, scatter: impl Fn(usize) -> f32) -> Both {
+    let scale = of_views(views, |view| view.scale);
     let position = Lanes {
-        x: of_views(pairs, |view| view.position.x),
-        y: of_views(pairs, |view| view.position.y),
-        z: of_views(pairs, |view| view.position.z),
+        x: of_views(views, |view| view.position.x),
+        y: of_views(views, |view| view.position.y),
+        z: of_views(views, |view| view.position.z),
     };
-    let low = Lanes {
-        x: (of_nodes(pairs, |node| node.min.x) - position.x) * scale,
-        y: (of_nodes(pairs, |node| node.min.y) - position.y) * scale,
-        z: (of_nodes(pairs, |node| node.min.z) - position.z) * scale,
+    let seen = |[x, y, z]: [Vec4; 3]| Lanes {
+        x: (x - position.x) * scale,
+        y: (y - position.y) * scale,
+        z: (z - position.z) * scale,
     };
-    let high = Lanes {
-        x: (of_nodes(pairs, |node| node.max.x) - position.x) * scale,
-        y: (of_nodes(pairs, |node| node.max.y) - position.y) * scale,
-        z: (of_nodes(pairs, |node| node.max.z) - position.z) * scale,
-    };
+    let (low, high) = (seen(nodes.min), seen(nodes.max));
     let near_squared = low.with(high, |low, high| low.max(-high).max(Vec4::ZERO)).dot_self();
     let far_squared = low.with(high, |low, high| high.max(-low)).dot_self();
     let mut sure = far_squared.cmpge(Vec4::splat(SMALLEST)) & far_squared.cmple(Vec4::splat(LARGEST));
 
     let sphere = Sphere::around(low, high);
-    let everywhere = |pair: &Siblings<'_>| pair.first.cos_theta_o <= -1.0 && pair.second.cos_theta_o <= -1.0;
-    let (emitted, of) = if everywhere(pairs[0]) && everywhere(pairs[1]) {
-        (Vec4::ONE, Vec4::ONE)
-    } else {
-        let axis = Lanes {
-            x: of_nodes(pairs, |node| node.axis.x),
-            y: of_nodes(pairs, |node| node.axis.y),
-            z: of_nodes(pairs, |node| node.axis.z),
-        };
-        let two_sided = of_nodes(pairs, |node| if node.two_sided { -1.0 } else { 1.0 }).cmplt(Vec4::ZERO);
-        sphere.emission(
-            axis,
-            of_nodes(pairs, |node| node.cos_theta_o),
-            of_nodes(pairs, |node| node.cos_theta_e),
-            two_sided,
-        )
+    let (emitted, of) = match &nodes.cones {
+        None => (Vec4::ONE, Vec4::ONE),
+        Some(cones) => {
+            let [x, y, z] = cones.axis;
+            sphere.emission(Lanes { x, y, z }, cones.cos_theta_o, cones.cos_theta_e, cones.two_sided)
+        }
     };
-    // Spheres and boxes disagree about the last of a cone: what is left out altogether is for f64 to say.
-    sure &= emitted.cmpgt(Vec4::ZERO);
+    // Spheres and boxes disagree about the last of a cone: what is left out altogether is for f64 to say,
+    // unless both are the same point.
+    sure &= emitted.cmpgt(Vec4::ZERO) | sphere.radius_squared.cmpeq(Vec4::ZERO);
 
-    let factor = if let (Some(a), Some(b)) = (&pairs[0].viewpoint.lobes, &pairs[1].viewpoint.lobes) {
+    let factor = if let (Some(a), Some(b)) = (&views[0].lobes, &views[1].lobes) {
         let normal = Lanes {
             x: of_lobes(a, b, |lobes| lobes.normal.x),
             y: of_lobes(a, b, |lobes| lobes.normal.y),
@@ -202,8 +168,8 @@ pub(super) fn weigh(pairs: [&Siblings<'_>; 2], scatter: impl Fn(&LightBounds) ->
         emitted * scattered / (of * cos.distance)
     } else {
         let emitted = emitted / of;
-        let ask = |lane: usize, node| if emitted[lane] > 0.0 { scatter(node) } else { 0.0 };
-        let (first, second) = (ask(0, pairs[0].first), ask(1, pairs[0].second));
+        let ask = |lane: usize| if emitted[lane] > 0.0 { scatter(lane) } else { 0.0 };
+        let (first, second) = (ask(0), ask(1));
         let scattered = Vec4::new(first, second, first, second);
         // Where it is infinite, f64 sorts it out.
         let both = emitted * scattered;
@@ -212,29 +178,25 @@ pub(super) fn weigh(pairs: [&Siblings<'_>; 2], scatter: impl Fn(&LightBounds) ->
     };
 
     // Distances that are too small to tell apart, but for those inside.
-    let least = of_views(pairs, |view| view.least_squared);
+    let least = of_views(views, |view| view.least_squared);
     let near_squared = Vec4::select(near_squared.cmpgt(Vec4::ZERO), near_squared.max(least), Vec4::ZERO);
     Both {
-        strength: factor.to_array(),
-        near_squared: near_squared.to_array(),
-        far_squared: far_squared.max(least).to_array(),
-        center_squared: sphere.squared.to_array(),
-        diagonal_squared: sphere.radius_squared.to_array(),
+        intensity: nodes.intensity,
+        strength: factor,
+        near_squared,
+        far_squared: far_squared.max(least),
+        center_squared: sphere.squared,
+        diagonal_squared: sphere.radius_squared,
+        least_squared: least,
         sure: sure.bitmask(),
+        alive: (factor.cmpgt(Vec4::ZERO) & nodes.intensity.cmpgt(Vec4::ZERO)).bitmask(),
     }
-}
-
-/// A number of each node.
-#[inline(always)]
-fn of_nodes(pairs: [&Siblings<'_>; 2], f: impl Fn(&LightBounds) -> f32) -> Vec4 {
-    let [a, b] = pairs;
-    Vec4::new(f(a.first), f(a.second), f(b.first), f(b.second))
 }
 
 /// A number of each receiver.
 #[inline(always)]
-fn of_views(pairs: [&Siblings<'_>; 2], f: impl Fn(&Viewpoint) -> f32) -> Vec4 {
-    let (a, b) = (f(pairs[0].viewpoint), f(pairs[1].viewpoint));
+fn of_views(views: [&Viewpoint; 2], f: impl Fn(&Viewpoint) -> f32) -> Vec4 {
+    let (a, b) = (f(views[0]), f(views[1]));
     Vec4::new(a, a, b, b)
 }
 

@@ -19,7 +19,7 @@ pub struct Gpu {
 /// requesting a device.
 ///
 /// `max_storage_buffer_binding_size` decides how many lights there can be: 128 MiB are enough for two
-/// million.
+/// million; `max_texture_dimension_2d` how many triangles: 8192 for 22 million.
 pub fn required_limits() -> Limits {
     Limits::default()
 }
@@ -28,8 +28,9 @@ pub fn required_limits() -> Limits {
 type Need = (&'static str, u64, fn(&Limits) -> u64);
 
 /// What kernels really use of [`required_limits`].
-const NEEDS: [Need; 8] = [
+const NEEDS: [Need; 9] = [
     ("max_storage_buffers_per_shader_stage", 8, |l| l.max_storage_buffers_per_shader_stage.into()),
+    ("max_storage_textures_per_shader_stage", 2, |l| l.max_storage_textures_per_shader_stage.into()),
     ("max_uniform_buffers_per_shader_stage", 2, |l| l.max_uniform_buffers_per_shader_stage.into()),
     ("max_bind_groups", 4, |l| l.max_bind_groups.into()),
     ("max_compute_workgroup_storage_size", 16384, |l| l.max_compute_workgroup_storage_size.into()),

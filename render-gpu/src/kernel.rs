@@ -2,8 +2,8 @@
 
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindGroupLayoutDescriptor,
-    BindGroupLayoutEntry, BindingType, Buffer, BufferBindingType, ComputePass, ComputePipeline, ShaderModule,
-    ShaderStages,
+    BindGroupLayoutEntry, BindingResource, BindingType, Buffer, BufferBindingType, ComputePass,
+    ComputePipeline, ShaderModule, ShaderStages, StorageTextureAccess, TextureFormat, TextureViewDimension,
 };
 
 use crate::{Gpu, GpuError, source::Source};
@@ -17,6 +17,8 @@ pub(crate) enum Binding {
     Write,
     /// `var<uniform>`.
     Uniform,
+    /// `texture_storage_2d<rgba32uint, read>`.
+    Texels,
 }
 
 /// A pipeline and the layout of its bind group.
@@ -146,10 +148,20 @@ pub(crate) fn bind(
     layout: &BindGroupLayout,
     buffers: &[&Buffer],
 ) -> Result<BindGroup, GpuError> {
-    let entries: Vec<_> = buffers
-        .iter()
+    bind_all(gpu, label, layout, buffers.iter().map(|buffer| buffer.as_entire_binding()))
+}
+
+/// The same where not all are buffers.
+pub(crate) fn bind_all<'a>(
+    gpu: &Gpu,
+    label: &str,
+    layout: &BindGroupLayout,
+    resources: impl IntoIterator<Item = BindingResource<'a>>,
+) -> Result<BindGroup, GpuError> {
+    let entries: Vec<_> = resources
+        .into_iter()
         .zip(0..)
-        .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .map(|(resource, binding)| BindGroupEntry { binding, resource })
         .collect();
     gpu.create(
         || format!("the bindings of `{label}`"),
@@ -160,17 +172,18 @@ pub(crate) fn bind(
 }
 
 fn entry(binding: u32, kind: Binding) -> BindGroupLayoutEntry {
+    let buffer = |ty| BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
     let ty = match kind {
-        Binding::Read => BufferBindingType::Storage { read_only: true },
-        Binding::Write => BufferBindingType::Storage { read_only: false },
-        Binding::Uniform => BufferBindingType::Uniform,
+        Binding::Read => buffer(BufferBindingType::Storage { read_only: true }),
+        Binding::Write => buffer(BufferBindingType::Storage { read_only: false }),
+        Binding::Uniform => buffer(BufferBindingType::Uniform),
+        Binding::Texels => BindingType::StorageTexture {
+            access: StorageTextureAccess::ReadOnly,
+            format: TextureFormat::Rgba32Uint,
+            view_dimension: TextureViewDimension::D2,
+        },
     };
-    BindGroupLayoutEntry {
-        binding,
-        visibility: ShaderStages::COMPUTE,
-        ty: BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
-        count: None,
-    }
+    BindGroupLayoutEntry { binding, visibility: ShaderStages::COMPUTE, ty, count: None }
 }
 
 #[cfg(test)]

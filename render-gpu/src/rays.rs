@@ -13,8 +13,8 @@
 //!
 //! # Memory
 //! 64 bytes a node, of which there are 0.4 to 0.6 for each triangle in scenes of some size, 48 bytes a
-//! triangle, 64 an instance: some 80 bytes a triangle. In the default binding limit of 128 MiB fit 2.7
-//! million triangles (each mesh counted once).
+//! triangle, 64 an instance: some 80 bytes a triangle. Nodes and triangles are in textures, where WebGPU's
+//! default limit of 8192 texels a side admits 22 million triangles (each mesh counted once).
 //!
 //! # Limits
 //! Those of the CPU's rays, and: coordinates below 1e-38 of the scene's unit may count as 0; a mesh that is
@@ -25,15 +25,17 @@ mod batch;
 mod geometry;
 mod pack;
 pub mod records;
+mod texels;
 
 use std::borrow::Cow;
 
-use wgpu::{BindGroup, BindGroupLayout, BufferUsages, ShaderModule};
+use wgpu::{BindGroup, BindGroupLayout, BindingResource, BufferUsages, ShaderModule};
 
-use crate::kernel::{Binding, layout_of, module_of};
+use crate::kernel::{Binding, bind_all, layout_of, module_of};
 use crate::source::Source;
 use crate::{Gpu, GpuError};
 use pack::Packed;
+use texels::Texels;
 
 pub(crate) use batch::{CLOSEST, CLOSEST_INSTANCE, OCCLUDED};
 pub use batch::{DeviceRays, RayKernels};
@@ -122,22 +124,30 @@ impl RayGeometry {
     ///
     /// # Errors
     /// [`UploadError::Geometry`] names what is not sound in it, [`UploadError::Gpu`] what the device lacks:
-    /// as a rule [`GpuError::Limit`] of `max_storage_buffer_binding_size`.
+    /// as a rule [`GpuError::OutOfMemory`], and [`GpuError::Limit`] of `max_texture_dimension_2d` for more
+    /// than a square of that many texels holds.
     pub fn new(gpu: &Gpu, geometry: &Geometry<'_>) -> Result<Self, UploadError> {
-        let packed = Packed::new(geometry)?;
+        let mut packed = Packed::new(geometry)?;
         let has_instances = geometry.instances.is_some();
         let wgsl = if has_instances { TWO_LEVEL } else { ONE_LEVEL };
-        let bindings = [Binding::Uniform, Binding::Read, Binding::Read, Binding::Read];
+        let bindings = [Binding::Uniform, Binding::Texels, Binding::Texels, Binding::Read];
         let bound = if has_instances { 4 } else { 3 };
         let layout = layout_of(gpu, "rays", &bindings[..bound])?;
+        let nodes = Texels::new(gpu, "ray nodes", bytemuck::cast_slice(&packed.nodes))?;
+        let triangles = Texels::new(gpu, "ray triangles", bytemuck::cast_slice(&packed.triangles))?;
+        packed.tree.node_row = nodes.row();
+        packed.tree.triangle_row = triangles.row();
         let tree = gpu.buffer("ray tree", size_of_val(&packed.tree) as u64, BufferUsages::UNIFORM)?;
         gpu.write(&tree, &[packed.tree])?;
-        let nodes = gpu.upload("ray nodes", &or_one(&packed.nodes))?;
-        let triangles = gpu.upload("ray triangles", &or_one(&packed.triangles))?;
         let instances = gpu.upload("ray instances", &or_one(&packed.instances))?;
-        let buffers = [&tree, &nodes, &triangles, &instances];
-        let bytes = buffers.iter().map(|buffer| buffer.size()).sum();
-        let bind_group = crate::kernel::bind(gpu, "rays", &layout, &buffers[..bound])?;
+        let bytes = tree.size() + nodes.bytes() + triangles.bytes() + instances.size();
+        let resources = [
+            tree.as_entire_binding(),
+            BindingResource::TextureView(nodes.view()),
+            BindingResource::TextureView(triangles.view()),
+            instances.as_entire_binding(),
+        ];
+        let bind_group = bind_all(gpu, "rays", &layout, resources.into_iter().take(bound))?;
         let source = RaySource { wgsl: Cow::Borrowed(wgsl), layout };
         let (triangles, nodes) = (packed.triangles.len(), packed.nodes.len());
         Ok(Self { source, bind_group, has_instances, bytes, triangles, nodes })

@@ -5,6 +5,7 @@ mod common;
 #[allow(dead_code, unreachable_pub, reason = "an example: its `main` is not called")]
 mod own_frame;
 
+use common::device;
 use lighttree::WeightedLight;
 use render_gpu::draw::{DrawKernels, Draws, Method};
 use render_gpu::records::{LightRecord, TreeHeader};
@@ -16,15 +17,6 @@ fn a_host_with_its_own_frame_sees_all_lights() {
     let gpu = gpu_or_skip!();
     let (mean, truth) = own_frame::run(gpu.device(), gpu.queue(), 6).unwrap();
     assert!((mean - truth).abs() < 0.02 * truth, "{mean}, not {truth}");
-}
-
-/// A device with these limits, of the adapter that tests share.
-fn device(limits: wgpu::Limits) -> Option<(wgpu::Device, wgpu::Queue)> {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-    let adapter =
-        pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).ok()?;
-    let descriptor = wgpu::DeviceDescriptor { required_limits: limits, ..Default::default() };
-    pollster::block_on(adapter.request_device(&descriptor)).ok()
 }
 
 #[test]
@@ -89,6 +81,7 @@ fn every_limit_is_named_where_it_is_too_small() {
     }
     too_small! {
         max_storage_buffers_per_shader_stage: 7u32;
+        max_storage_textures_per_shader_stage: 1u32;
         max_uniform_buffers_per_shader_stage: 1u32;
         max_bind_groups: 3u32;
         max_compute_workgroup_storage_size: 16_368u32;

@@ -11,6 +11,7 @@ use render_gpu::rays::{
     BinaryNode, BinaryTree, DeviceRays, Geometry, GeometryError, InstanceGeometry, MeshGeometry, RayGeometry,
     RaySource, UploadError,
 };
+use render_gpu::{Gpu, GpuError, required_limits};
 use scene::{RaysParams, SceneRays};
 
 /// Rays from random places in a box around everything, to anywhere or to the triangles' own corners and
@@ -111,7 +112,7 @@ fn sphere(levels: u32) -> Vec<[Vec3; 3]> {
 
 /// How many rays from inside a sphere at its corners, edges and faces get out, by these rays; of segments as
 /// well.
-fn leaks(gpu: &render_gpu::Gpu, place: Affine3A, edit: impl Fn(&str) -> String) -> [usize; 2] {
+fn leaks(gpu: &Gpu, place: Affine3A, edit: impl Fn(&str) -> String) -> [usize; 2] {
     let triangles = sphere(5);
     let placed: Vec<_> = triangles.iter().map(|t| t.map(|v| place.transform_point3(v))).collect();
     let flat = scene::FlatMesh::new(placed.clone()).unwrap();
@@ -318,14 +319,33 @@ fn what_is_wrong_with_geometry_is_named() {
     }
 }
 
+/// A texture of 256 x 256 texels has room for 21,845 triangles and 16,384 nodes.
 #[test]
-fn geometry_beyond_the_binding_limit_names_it() {
-    let Some(gpu) = common::gpu() else { return };
-    let limit = gpu.device().limits().max_storage_buffer_binding_size;
-    let many = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; (limit / 48) as usize + 1];
-    let order: Vec<u32> = (0..many.len() as u32).collect();
-    let nodes = [BinaryNode { min: [0.0; 3], count: many.len() as u32, max: [0.0; 3], first: 0 }];
-    let mesh = MeshGeometry { triangles: &many, tree: BinaryTree { nodes: &nodes, order: &order } };
-    let error = RayGeometry::new(gpu, &Geometry { meshes: &[mesh], instances: None }).unwrap_err();
-    assert!(error.to_string().contains("max_storage_buffer_binding_size"), "{error}");
+fn geometry_beyond_a_texture_names_the_limit() {
+    let _ = gpu_or_skip!();
+    let limits = wgpu::Limits { max_texture_dimension_2d: 256, ..required_limits() };
+    let (small, queue) = common::device(limits).expect("less than the default");
+    let gpu = Gpu::new(&small, &queue).unwrap();
+    let upload = |count: u32| {
+        // One after another along z, so that a ray from behind meets the last.
+        let at = |i: u32| [Vec3::ZERO, Vec3::X, Vec3::Y].map(|v| v + i as f32 * Vec3::Z);
+        let triangles: Vec<_> = (0..count).map(at).collect();
+        let order: Vec<u32> = (0..count).collect();
+        let nodes = [BinaryNode { min: [0.0; 3], count, max: [0.0; 3], first: 0 }];
+        let mesh = MeshGeometry { triangles: &triangles, tree: BinaryTree { nodes: &nodes, order: &order } };
+        RayGeometry::new(&gpu, &Geometry { meshes: &[mesh], instances: None })
+    };
+    // All of a full texture is found.
+    let most = 256 * 256 / 3;
+    let mut device = DeviceRays::new(&gpu, upload(most).unwrap()).unwrap();
+    let mut hits = [None; 1];
+    for i in [0, 1, 20_000, most - 1] {
+        let origin = Vec3::new(0.2, 0.2, i as f32 + 0.5);
+        let ray = Ray { origin, direction: -Vec3::Z, t_max: f32::INFINITY };
+        device.closest_batch(&[ray], &mut hits).unwrap();
+        assert_eq!(hits[0].map(|hit| hit.primitive), Some(i));
+    }
+    let error = upload(most + 1).unwrap_err();
+    let limit = GpuError::Limit { limit: "max_texture_dimension_2d", needed: 512, available: 256 };
+    assert_eq!(error, UploadError::Gpu(limit));
 }

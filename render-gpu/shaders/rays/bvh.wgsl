@@ -16,13 +16,14 @@ struct RayTree {
     reach: f32,
     // Link to the root: of the tree over instances, or of the only mesh.
     root: u32,
+    // Texels in a row of nodes and of triangles: 2^this.
+    node_row: u32,
+    triangle_row: u32,
     spare0: u32,
     spare1: u32,
-    spare2: u32,
-    spare3: u32,
 }
 
-// Children lie in `origin + q * 2^e`, q from `low` to `high`, one byte for each child.
+// Four texels. Children lie in `origin + q * 2^e`, q from `low` to `high`, one byte for each child.
 struct WideNode {
     origin: vec3f,
     // Biased exponents of x, y, z, a byte each.
@@ -34,6 +35,7 @@ struct WideNode {
     spare1: u32,
 }
 
+// Three texels.
 struct RayTriangle {
     a: vec3f,
     primitive: u32,
@@ -44,8 +46,10 @@ struct RayTriangle {
 }
 
 @group(1) @binding(0) var<uniform> ray_tree: RayTree;
-@group(1) @binding(1) var<storage, read> ray_nodes: array<WideNode>;
-@group(1) @binding(2) var<storage, read> ray_triangles: array<RayTriangle>;
+// Records in texels of 16 bytes, row by row. In textures and not in buffers, since software reads a texel for
+// eight threads in a few instructions, and a word of a buffer in a loop over the threads.
+@group(1) @binding(1) var ray_nodes: texture_storage_2d<rgba32uint, read>;
+@group(1) @binding(2) var ray_triangles: texture_storage_2d<rgba32uint, read>;
 
 // A link is the index of a node, or LEAF | (count - 1) << 28 | index of the first of them.
 const LEAF: u32 = 0x80000000u;
@@ -58,6 +62,10 @@ const FAR: f32 = 3.0e38;
 // How far slabs are padded, in units of 2^-23 of the largest coordinate: twice the CPU's, for quotients of
 // 2.5 ulp.
 const PADDING: f32 = 16.0 * 1.1920929e-7;
+
+// The stack of links in a mesh's tree. A function's own array is set to zero wherever the function is called,
+// thread by thread where threads have diverged; this one once, before.
+var<private> ray_stack: array<u32, STACK + 2u>;
 
 struct Traced {
     origin: vec3f,
@@ -104,20 +112,45 @@ fn traced(origin: vec3f, direction: vec3f, reach: f32) -> Traced {
     return ray;
 }
 
+fn node_texel(texel: u32) -> vec4u {
+    return textureLoad(ray_nodes, vec2u(texel & ((1u << ray_tree.node_row) - 1u), texel >> ray_tree.node_row));
+}
+
+fn wide_node(index: u32) -> WideNode {
+    let texel = 4u * index;
+    let frame = node_texel(texel);
+    let low = node_texel(texel + 2u);
+    let high = node_texel(texel + 3u);
+    return WideNode(
+        bitcast<vec3f>(frame.xyz), frame.w, node_texel(texel + 1u), low.xyz, low.w, high.xyz, high.w
+    );
+}
+
+fn triangle_texel(texel: u32) -> vec4u {
+    let row = ray_tree.triangle_row;
+    return textureLoad(ray_triangles, vec2u(texel & ((1u << row) - 1u), texel >> row));
+}
+
+fn ray_triangle(index: u32) -> RayTriangle {
+    let texel = 3u * index;
+    let a = triangle_texel(texel);
+    let b = triangle_texel(texel + 1u);
+    let c = triangle_texel(texel + 2u);
+    return RayTriangle(
+        bitcast<vec3f>(a.xyz), a.w, bitcast<vec3f>(b.xyz), b.w, bitcast<vec3f>(c.xyz), c.w
+    );
+}
+
 // Where the ray enters each child before `t_max`; FAR where it does not.
-fn enter_children(index: u32, ray: Traced, t_max: f32) -> vec4f {
-    let exponents = ray_nodes[index].exponents;
-    let origin = ray_nodes[index].origin;
-    let low = ray_nodes[index].low;
-    let high = ray_nodes[index].high;
+fn enter_children(node: WideNode, ray: Traced, t_max: f32) -> vec4f {
     let cell = bitcast<vec3f>(
-        vec3u(exponents & 0xffu, (exponents >> 8u) & 0xffu, (exponents >> 16u) & 0xffu) << vec3u(23u)
+        (vec3u(node.exponents, node.exponents >> 8u, node.exponents >> 16u) & vec3u(0xffu)) << vec3u(23u)
     );
     let step = cell * ray.inverse;
-    let from_enter = (origin - ray.enter) * ray.inverse;
-    let from_leave = (origin - ray.leave) * ray.inverse;
-    let near = select(low, high, ray.negative);
-    let far = select(high, low, ray.negative);
+    let from_enter = (node.origin - ray.enter) * ray.inverse;
+    let from_leave = (node.origin - ray.leave) * ray.inverse;
+    let near = select(node.low, node.high, ray.negative);
+    let far = select(node.high, node.low, ray.negative);
     let enter = max(
         max(bytes(near.x) * step.x + from_enter.x, bytes(near.y) * step.y + from_enter.y),
         max(bytes(near.z) * step.z + from_enter.z, vec4f(0.0)),
@@ -127,7 +160,7 @@ fn enter_children(index: u32, ray: Traced, t_max: f32) -> vec4f {
         min(bytes(far.z) * step.z + from_leave.z, vec4f(t_max)),
     );
     // A child that is not there has an inverted box, but padding could turn it round.
-    return select(vec4f(FAR), enter, (enter <= leave) & (ray_nodes[index].child != vec4u(NO_CHILD)));
+    return select(vec4f(FAR), enter, (enter <= leave) & (node.child != vec4u(NO_CHILD)));
 }
 
 fn bytes(word: u32) -> vec4f {
@@ -149,10 +182,10 @@ fn edge(p: vec2f, q: vec2f) -> f32 {
 
 // t and the weights of the second and third corner; t is -1 for a miss. The ends of edges belong to the
 // triangle.
-fn triangle(index: u32, ray: Traced) -> vec3f {
-    let a = dominant_last(ray_triangles[index].a - ray.origin, ray.axis);
-    let b = dominant_last(ray_triangles[index].b - ray.origin, ray.axis);
-    let c = dominant_last(ray_triangles[index].c - ray.origin, ray.axis);
+fn triangle(corners: RayTriangle, ray: Traced) -> vec3f {
+    let a = dominant_last(corners.a - ray.origin, ray.axis);
+    let b = dominant_last(corners.b - ray.origin, ray.axis);
+    let c = dominant_last(corners.c - ray.origin, ray.axis);
     let pa = a.xy - ray.shear.xy * a.z;
     let pb = b.xy - ray.shear.xy * b.z;
     let pc = c.xy - ray.shear.xy * c.z;
@@ -171,7 +204,6 @@ fn triangle(index: u32, ray: Traced) -> vec3f {
 
 // Whether anything below `root` lies at 0 < t < t_max.
 fn any_below(root: u32, ray: Traced, t_max: f32) -> bool {
-    var stack: array<u32, STACK + 2u>;
     var waiting = 0u;
     var link = root;
     if (root == NO_CHILD) {
@@ -180,28 +212,29 @@ fn any_below(root: u32, ray: Traced, t_max: f32) -> bool {
     loop {
         // Down to a leaf.
         while ((link & LEAF) == 0u) {
-            let enter = enter_children(link, ray, t_max);
-            let child = ray_nodes[link].child;
+            let node = wide_node(link);
+            let enter = enter_children(node, ray, t_max);
+            let child = node.child;
             // Written whether hit or not: cheaper than a branch for each.
-            stack[waiting] = child.x;
+            ray_stack[waiting] = child.x;
             waiting += u32(enter.x < FAR);
-            stack[waiting] = child.y;
+            ray_stack[waiting] = child.y;
             waiting += u32(enter.y < FAR);
-            stack[waiting] = child.z;
+            ray_stack[waiting] = child.z;
             waiting += u32(enter.z < FAR);
-            stack[waiting] = child.w;
+            ray_stack[waiting] = child.w;
             waiting += u32(enter.w < FAR);
             if (waiting == 0u) {
                 return false;
             }
             waiting--;
-            link = stack[waiting];
+            link = ray_stack[waiting];
         }
         // Its triangles.
         let first = link & 0x0fffffffu;
         let end = first + ((link >> 28u) & 7u) + 1u;
         for (var i = first; i < end; i++) {
-            let t = triangle(i, ray).x;
+            let t = triangle(ray_triangle(i), ray).x;
             if (t > 0.0 && t < t_max) {
                 return true;
             }
@@ -210,7 +243,7 @@ fn any_below(root: u32, ray: Traced, t_max: f32) -> bool {
             return false;
         }
         waiting--;
-        link = stack[waiting];
+        link = ray_stack[waiting];
     }
     return false;
 }
@@ -218,7 +251,6 @@ fn any_below(root: u32, ray: Traced, t_max: f32) -> bool {
 // The nearest of what is below `root` and of `best`; ties to the lowest primitive. Distances in the unit of
 // `ray`.
 fn nearest_below(root: u32, ray: Traced, first_primitive: u32, best_so_far: Hit) -> Hit {
-    var stack: array<u32, STACK + 2u>;
     var best = best_so_far;
     var waiting = 0u;
     var link = root;
@@ -227,34 +259,36 @@ fn nearest_below(root: u32, ray: Traced, first_primitive: u32, best_so_far: Hit)
     }
     loop {
         while ((link & LEAF) == 0u) {
-            var enter = enter_children(link, ray, best.t);
-            var child = ray_nodes[link].child;
+            let node = wide_node(link);
+            var enter = enter_children(node, ray, best.t);
+            var child = node.child;
             // Farthest first onto the stack, by a network of five comparisons.
             sort_pair(&enter, &child, 0u, 1u);
             sort_pair(&enter, &child, 2u, 3u);
             sort_pair(&enter, &child, 0u, 2u);
             sort_pair(&enter, &child, 1u, 3u);
             sort_pair(&enter, &child, 1u, 2u);
-            stack[waiting] = child.w;
+            ray_stack[waiting] = child.w;
             waiting += u32(enter.w < FAR);
-            stack[waiting] = child.z;
+            ray_stack[waiting] = child.z;
             waiting += u32(enter.z < FAR);
-            stack[waiting] = child.y;
+            ray_stack[waiting] = child.y;
             waiting += u32(enter.y < FAR);
-            stack[waiting] = child.x;
+            ray_stack[waiting] = child.x;
             waiting += u32(enter.x < FAR);
             if (waiting == 0u) {
                 return best;
             }
             waiting--;
-            link = stack[waiting];
+            link = ray_stack[waiting];
         }
         let first = link & 0x0fffffffu;
         let end = first + ((link >> 28u) & 7u) + 1u;
         for (var i = first; i < end; i++) {
-            let hit = triangle(i, ray);
+            let corners = ray_triangle(i);
+            let hit = triangle(corners, ray);
             if (hit.x > 0.0 && hit.x <= best.t) {
-                let primitive = first_primitive + ray_triangles[i].primitive;
+                let primitive = first_primitive + corners.primitive;
                 if (hit.x < best.t || (primitive < best.primitive && best.primitive != NO_HIT)) {
                     best = Hit(hit.x, primitive, hit.y, hit.z);
                 }
@@ -264,7 +298,7 @@ fn nearest_below(root: u32, ray: Traced, first_primitive: u32, best_so_far: Hit)
             return best;
         }
         waiting--;
-        link = stack[waiting];
+        link = ray_stack[waiting];
     }
     return best;
 }

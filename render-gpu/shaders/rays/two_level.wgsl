@@ -16,6 +16,8 @@ struct RayInstance {
 // Links that wait in the tree over instances.
 const TOP_STACK: u32 = 48u;
 
+var<private> top_stack: array<u32, TOP_STACK>;
+
 fn into_mesh(instance: u32, point: vec3f) -> vec3f {
     let p = vec4f(point, 1.0);
     return vec3f(
@@ -39,16 +41,16 @@ fn trace_closest(origin: vec3f, direction: vec3f, t_max: f32) -> Hit {
     if (!ask.valid || !ray.valid || ray_tree.root == NO_CHILD) {
         return answered(best, ask.unit);
     }
-    var stack: array<u32, TOP_STACK>;
     var waiting = 0u;
     var link = ray_tree.root;
     loop {
         if ((link & LEAF) == 0u) {
-            let enter = enter_children(link, ray, best.t);
-            let child = ray_nodes[link].child;
+            let node = wide_node(link);
+            let enter = enter_children(node, ray, best.t);
+            let child = node.child;
             for (var i = 0u; i < 4u; i++) {
                 if (enter[i] < FAR) {
-                    stack[waiting] = child[i];
+                    top_stack[waiting] = child[i];
                     waiting++;
                 }
             }
@@ -59,7 +61,7 @@ fn trace_closest(origin: vec3f, direction: vec3f, t_max: f32) -> Hit {
             break;
         }
         waiting--;
-        link = stack[waiting];
+        link = top_stack[waiting];
     }
     return answered(best, ask.unit);
 }
@@ -93,16 +95,16 @@ fn trace_occluded(start: vec3f, end: vec3f) -> bool {
     if (!ray.valid || ray_tree.root == NO_CHILD) {
         return false;
     }
-    var stack: array<u32, TOP_STACK>;
     var waiting = 0u;
     var link = ray_tree.root;
     loop {
         if ((link & LEAF) == 0u) {
-            let enter = enter_children(link, ray, 1.0);
-            let child = ray_nodes[link].child;
+            let node = wide_node(link);
+            let enter = enter_children(node, ray, 1.0);
+            let child = node.child;
             for (var i = 0u; i < 4u; i++) {
                 if (enter[i] < FAR) {
-                    stack[waiting] = child[i];
+                    top_stack[waiting] = child[i];
                     waiting++;
                 }
             }
@@ -121,7 +123,7 @@ fn trace_occluded(start: vec3f, end: vec3f) -> bool {
             return false;
         }
         waiting--;
-        link = stack[waiting];
+        link = top_stack[waiting];
     }
     return false;
 }

@@ -198,10 +198,10 @@ impl RayTree {
             scale_exponent: 0,
             reach: 0.0,
             root: NO_CHILD,
+            node_row: 0,
+            triangle_row: 0,
             spare0: 0,
             spare1: 0,
-            spare2: 0,
-            spare3: 0,
         }
     }
 }

@@ -83,17 +83,17 @@ pub struct RayTree {
     pub reach: f32,
     /// Link to the root.
     pub root: u32,
+    /// A row of nodes has two to the power of this texels.
+    pub node_row: u32,
+    /// The same of triangles.
+    pub triangle_row: u32,
     /// Not looked at.
     pub spare0: u32,
     /// Not looked at.
     pub spare1: u32,
-    /// Not looked at.
-    pub spare2: u32,
-    /// Not looked at.
-    pub spare3: u32,
 }
 
-/// `WideNode` in WGSL: four boxes in 64 bytes, corners as bytes on a grid of the node's own.
+/// `WideNode` in WGSL: four boxes in 64 bytes, four texels, corners as bytes on a grid of the node's own.
 ///
 /// Differs from Ylitie, Karras and Laine 2017: four children instead of eight, with a whole link each, so
 /// that a hit child needs no sum of bits to be found.
@@ -123,7 +123,7 @@ pub const LEAF: u32 = 1 << 31;
 /// The link of a child that isn't there.
 pub const NO_CHILD: u32 = u32::MAX;
 
-/// `RayTriangle` in WGSL: corners in the tree's own scale.
+/// `RayTriangle` in WGSL, three texels: corners in the tree's own scale.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RayTriangle {
@@ -166,7 +166,7 @@ pub const LAYOUTS: &[Layout] = &[
     layout!(RayRecord, "Ray": origin, t_max, direction, spare),
     layout!(SegmentRecord, "Segment": start, spare0, end, spare1),
     layout!(HitRecord, "Hit": t, primitive, u, v),
-    layout!(RayTree, "RayTree": scale, scale_exponent, reach, root, spare0, spare1, spare2, spare3),
+    layout!(RayTree, "RayTree": scale, scale_exponent, reach, root, node_row, triangle_row, spare0, spare1),
     layout!(WideNode, "WideNode": origin, exponents, child, low, spare0, high, spare1),
     layout!(RayTriangle, "RayTriangle": a, primitive, b, spare0, c, spare1),
     layout!(RayInstance, "RayInstance": x, y, z, root, first_primitive, reach, spare),

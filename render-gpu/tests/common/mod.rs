@@ -28,6 +28,15 @@ pub fn gpu() -> Option<&'static Gpu> {
     }
 }
 
+/// A device with these limits, of the adapter that tests share.
+pub fn device(limits: wgpu::Limits) -> Option<(wgpu::Device, wgpu::Queue)> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let adapter =
+        pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).ok()?;
+    let descriptor = wgpu::DeviceDescriptor { required_limits: limits, ..Default::default() };
+    pollster::block_on(adapter.request_device(&descriptor)).ok()
+}
+
 /// Ends a test that has no adapter.
 #[macro_export]
 macro_rules! gpu_or_skip {

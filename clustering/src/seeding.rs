@@ -7,8 +7,8 @@
 use core::ops::Range;
 
 use glam::{DVec3, Vec3};
-use lighttree::parallel;
 use lighttree::rng::Random;
+use lighttree::{parallel, spread_21};
 
 use crate::{ClusterError, Metric, OrientedPoint, budget, metric};
 
@@ -235,14 +235,4 @@ fn spread_16(x: u32) -> u32 {
     x = (x | x << 4) & 0x0f0f_0f0f;
     x = (x | x << 2) & 0x3333_3333;
     (x | x << 1) & 0x5555_5555
-}
-
-/// Bits of a 21-bit number, two zeros between each and the next.
-fn spread_21(x: u32) -> u64 {
-    let mut x = u64::from(x);
-    x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
 }

@@ -1,9 +1,13 @@
 //! What a bound and a sampled light cost: nanoseconds per bound, samples per second by child choice and size
 //! of the tree.
 
+#[path = "../../benches/cpu_time.rs"]
+mod cpu_time;
+
 use std::hint::black_box;
 use std::time::Duration;
 
+use cpu_time::cpu_time;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use glam::Vec3;
 use lighttree::rng::{Decisions, Random};
@@ -186,17 +190,6 @@ fn least(mut run: impl FnMut(u32) -> usize) -> f64 {
         (cpu_time() - start).as_secs_f64() * 1e9 / count as f64
     };
     (0..7).map(once).fold(f64::INFINITY, f64::min)
-}
-
-/// The CPU time of this thread, since others share the machine; the time of day where there is no such clock.
-fn cpu_time() -> Duration {
-    #[cfg(unix)]
-    {
-        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.try_into().expect("less than 10^9"))
-    }
-    #[cfg(not(unix))]
-    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
 }
 
 /// What asking for a probability costs, for multiple importance sampling.

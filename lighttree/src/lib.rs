@@ -113,6 +113,7 @@ mod walk;
 pub use alias::{AliasTable, PowerSampler, UniformSampler, WeightError};
 pub use bound::{Bound, BoundTerms, GeometricBound, NodeBound, emission_bound};
 pub use bounds::{Cone, LightBounds};
+pub use build::morton::spread_21;
 pub use build::radix::sort_keys;
 pub use build::{BuildError, BuildMethod, BuildParams, MortonBits};
 pub use check::{Malformed, check};

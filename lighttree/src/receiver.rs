@@ -11,8 +11,8 @@ use glam::{DVec3, Vec3};
 use crate::Toward;
 
 pub use ggx::GgxReceiver;
+pub(crate) use lobes::LEAST_LOBE;
 pub use lobes::ScatterLobes;
-pub(crate) use lobes::{LEAST_LOBE, LEAST_SUM};
 pub use phong::PhongReceiver;
 
 /// A point to be lit, as far as a bound has to know it.

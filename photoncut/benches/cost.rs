@@ -7,24 +7,16 @@
 
 #[path = "../tests/common/mod.rs"]
 mod common;
+#[path = "../../benches/cpu_time.rs"]
+mod cpu_time;
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
+use cpu_time::cpu_time;
 use glam::Vec3;
 use lighttree::rng::Random;
 use photoncut::{DensityParams, IlluminationCut, LookupScratch, PhotonMap, PhotonScratch};
-
-/// The CPU time of this thread, since others share the machine; the time of day where there is no such clock.
-fn cpu_time() -> Duration {
-    #[cfg(unix)]
-    {
-        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.try_into().expect("less than 10^9"))
-    }
-    #[cfg(not(unix))]
-    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
-}
 
 /// Least seconds of a few rounds by `clock`.
 fn best<R>(rounds: u32, clock: impl Fn() -> Duration, mut work: impl FnMut() -> R) -> f64 {

@@ -5,23 +5,30 @@
 //! should be at most 2. Each is the CPU time of the best of its rounds, since other work on the machine only
 //! adds to it.
 //!
+//! Drawing the lights alone, at the same points, is measured as well: what is left of the whole are places on
+//! lights, materials, and keeping account.
+//!
 //! A light that faces away, or lies below the surface, is drawn and weighed but needs no segment. So a method
 //! that draws many of those does more than one draw for each segment: how many is printed, and what the
 //! method costs beyond its rays for each draw.
+
+#[path = "../../benches/cpu_time.rs"]
+mod cpu_time;
 
 use std::hint::black_box;
 use std::sync::Mutex;
 use std::time::Duration;
 
+use cpu_time::cpu_time;
 use criterion::{BenchmarkId, Criterion, Throughput};
 use glam::{DVec3, Vec2};
-use lighttree::rng::Random;
+use lighttree::rng::{Decisions, Random};
 use lighttree::{
     BuildParams, LightTree, PowerSampler, Ray, RayHit, RayQueries, Segment, TreeSampler, UniformSampler,
 };
 use scene::{
-    BruteForce, Counts, DirectLighting, Drawn, Frame, Geometry, RayScratch, Sampled, Scene, SceneRays,
-    ShadingPoint, Surface, TILE, Walked, builtin, camera_path,
+    BruteForce, Counts, DirectLighting, DrawLights, Drawn, Frame, Geometry, Purpose, RayScratch, Sampled,
+    Scene, SceneRays, ShadingPoint, Surface, TILE, Walked, builtin, camera_path,
 };
 
 /// Writes down the segments that a method asks about.
@@ -87,6 +94,38 @@ fn shade<Q: Geometry, D: DirectLighting<Q>>(
     counts
 }
 
+/// Draws the lights of these tiles, and does nothing with them.
+fn select<D: DrawLights>(
+    frame: &Frame<'_, SceneRays>,
+    tiles: &[Vec<ShadingPoint>],
+    method: &D,
+    scratch: &mut D::Scratch,
+) {
+    let mut counts = Counts::default();
+    for points in tiles {
+        method.begin_points(points, frame.light_seed, scratch, &mut counts);
+        for (index, point) in points.iter().enumerate() {
+            let mut random = Decisions::starting_with(0, point.random(frame.light_seed, Purpose::Lights));
+            method.draw(points, index, &mut random, scratch, &mut counts, |draw, _| {
+                black_box(draw.light);
+            });
+        }
+    }
+}
+
+/// [`measure`] for a method that draws.
+fn measure_drawn<D: DrawLights>(
+    c: &mut Criterion,
+    name: &str,
+    label: &str,
+    frame: &Frame<'_, SceneRays>,
+    method: D,
+) {
+    let method = Drawn(method);
+    let mut scratch = D::Scratch::default();
+    measure(c, name, label, frame, 64, &method, |tiles| select(frame, tiles, &method.0, &mut scratch));
+}
+
 fn raw(rays: &SceneRays, segments: &[Segment], scratch: &mut RayScratch) -> usize {
     segments.iter().filter(|segment| rays.occluded(segment, scratch)).count()
 }
@@ -98,6 +137,7 @@ fn measure<'a, D>(
     frame: &Frame<'a, SceneRays>,
     count: u32,
     method: &D,
+    mut select: impl FnMut(&[Vec<ShadingPoint>]),
 ) where
     D: DirectLighting<SceneRays> + DirectLighting<Recorder<'a>>,
 {
@@ -121,7 +161,7 @@ fn measure<'a, D>(
     let segments = recorder.segments.into_inner().unwrap();
 
     // In turns, so that both meet the same noise.
-    let (mut whole, mut bare, mut draws) = (Duration::MAX, Duration::MAX, 0);
+    let (mut whole, mut bare, mut selection, mut draws) = (Duration::MAX, Duration::MAX, Duration::MAX, 0);
     let (mut scratch, mut ray_scratch) = (Default::default(), RayScratch::default());
     for _ in 0..15 {
         let start = cpu_time();
@@ -132,15 +172,20 @@ fn measure<'a, D>(
         let start = cpu_time();
         black_box(raw(frame.rays, &segments, &mut ray_scratch));
         bare = bare.min(cpu_time() - start);
+        let start = cpu_time();
+        select(&tiles);
+        selection = selection.min(cpu_time() - start);
     }
     let nanoseconds = |time: Duration| time.as_secs_f64() * 1e9;
     let rays = segments.len() as f64;
     println!(
-        "{:<22}{:>9.0}{:>9.0}{:>8.2}{:>12.2}{:>14.0}{:>10}",
+        "{:<26}{:>7.0}{:>9.0}{:>7.2}{:>11.0}{:>7.0}{:>12.2}{:>14.0}{:>10}",
         format!("{name} {label}"),
         nanoseconds(whole) / rays,
         nanoseconds(bare) / rays,
         nanoseconds(whole) / nanoseconds(bare),
+        nanoseconds(selection) / rays,
+        (nanoseconds(whole) - nanoseconds(bare) - nanoseconds(selection)) / rays,
         draws as f64 / rays,
         (nanoseconds(whole) - nanoseconds(bare)) / draws as f64,
         segments.len()
@@ -168,22 +213,19 @@ fn is_wanted(name: &str) -> bool {
     filter.is_none_or(|wanted| name.contains(&wanted) || wanted.starts_with(name))
 }
 
-/// The CPU time of this thread, since others share the machine; the time of day where there is no such clock.
-fn cpu_time() -> Duration {
-    #[cfg(unix)]
-    {
-        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.try_into().expect("less than 10^9"))
-    }
-    #[cfg(not(unix))]
-    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
-}
-
 fn main() {
     let mut c = Criterion::default().configure_from_args();
     println!(
-        "{:<22}{:>9}{:>9}{:>8}{:>12}{:>14}{:>10}",
-        "ns a shadowed sample", "whole", "bare ray", "ratio", "draws a ray", "beyond a draw", "rays"
+        "{:<26}{:>7}{:>9}{:>7}{:>11}{:>7}{:>12}{:>14}{:>10}",
+        "ns a shadowed sample",
+        "whole",
+        "bare ray",
+        "ratio",
+        "selection",
+        "rest",
+        "draws a ray",
+        "beyond a draw",
+        "rays"
     );
     for name in ["hall:10000", "city:10000", "glossy:10000"] {
         if !["brute", "uniform", "power", "tree"].iter().any(|label| is_wanted(&format!("{name}/{label}"))) {
@@ -196,11 +238,11 @@ fn main() {
         let uniform = UniformSampler { count: scene.lights.len() as u32 };
         let power = PowerSampler::new(&scene.lights).expect("its lights are finite");
         let tree = TreeSampler::new(&tree);
-        measure(&mut c, name, "brute", &frame, 4, &BruteForce);
-        measure(&mut c, name, "uniform", &frame, 64, &Drawn(Sampled { sampler: uniform, samples: 8 }));
-        measure(&mut c, name, "power", &frame, 64, &Drawn(Sampled { sampler: &power, samples: 8 }));
-        measure(&mut c, name, "one tree walk", &frame, 64, &Drawn(Sampled { sampler: &tree, samples: 8 }));
-        measure(&mut c, name, "tree", &frame, 64, &Drawn(Walked { sampler: tree, samples: 8 }));
+        measure(&mut c, name, "brute", &frame, 4, &BruteForce, |_| {});
+        measure_drawn(&mut c, name, "uniform", &frame, Sampled { sampler: uniform, samples: 8 });
+        measure_drawn(&mut c, name, "power", &frame, Sampled { sampler: &power, samples: 8 });
+        measure_drawn(&mut c, name, "one tree walk", &frame, Sampled { sampler: &tree, samples: 8 });
+        measure_drawn(&mut c, name, "tree", &frame, Walked { sampler: tree, samples: 8 });
     }
     c.final_summary();
 }

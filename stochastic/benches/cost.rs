@@ -7,11 +7,14 @@
 //! ratio of mean squared errors (at 10⁵ lights, where the truth can be had).
 
 mod common;
+#[path = "../../benches/cpu_time.rs"]
+mod cpu_time;
 
 use std::hint::black_box;
 use std::time::Duration;
 
 use common::{Lamp, classes};
+use cpu_time::cpu_time;
 use criterion::{BenchmarkId, Criterion, Throughput};
 use glam::Vec3;
 use lighttree::rng::{Decisions, Random};
@@ -149,17 +152,6 @@ fn relative_error<T: LightHierarchy>(
         squared += estimates.iter().zip(truth).map(|(e, t)| (e / t - 1.0).powi(2)).sum::<f64>();
     }
     squared / truth.len() as f64 / f64::from(ROUNDS)
-}
-
-/// The CPU time of this thread; the time of day where there is no such clock.
-fn cpu_time() -> Duration {
-    #[cfg(unix)]
-    {
-        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.try_into().expect("less than 10^9"))
-    }
-    #[cfg(not(unix))]
-    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
 }
 
 fn main() {

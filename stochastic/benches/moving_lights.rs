@@ -5,9 +5,12 @@
 //! without shadows, from the oracle, in the mean over receivers: no noise. Time is that of the CPU, on one
 //! thread. Printed as a table, and written frame by frame to `target/criterion/moving_lights.csv`.
 
-use std::fmt::Write;
-use std::time::Duration;
+#[path = "../../benches/cpu_time.rs"]
+mod cpu_time;
 
+use std::fmt::Write;
+
+use cpu_time::cpu_time;
 use criterion::{BenchmarkId, Criterion, Throughput};
 use glam::Vec3;
 use lighttree::oracle::Distribution;
@@ -21,17 +24,6 @@ use stochastic::{LightInstance, LightMesh, TwoLevelSampler, TwoLevelTree};
 
 const FRAMES: u32 = 100;
 const RECEIVERS: u32 = 24;
-
-/// The CPU time of this thread, since others share the machine; the time of day where there is no such clock.
-fn cpu_time() -> Duration {
-    #[cfg(unix)]
-    {
-        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.try_into().expect("less than 10^9"))
-    }
-    #[cfg(not(unix))]
-    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
-}
 
 /// The least of three, each with what it made.
 fn timed<A>(mut work: impl FnMut() -> A) -> (A, f64) {

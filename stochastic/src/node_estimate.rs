@@ -82,9 +82,6 @@ const FARTHEST: f32 = 1e9;
 /// Rounding of a coordinate near 1, and then some.
 const ROUNDING: f32 = 1.0 / 2_097_152.0;
 
-/// The least |view + light|² that is told from others: rounding leaves four digits of that sum's square.
-const LEAST_SUM: f32 = 1e-8;
-
 /// The least length of an axis along the surface that has a direction.
 const LEAST_ALONG: f32 = 1e-6;
 
@@ -332,7 +329,7 @@ impl<'a> Eye<'a> {
             let forward = dot(&off, &self.forward);
             let height = (dot(v, &self.normal) * inverse).max(Vec4::ZERO) + self.lobes.normal.dot(axis);
             let sum_squared = sideways_squared + forward * forward + height * height;
-            (forward * forward, sum_squared.max(Vec4::splat(LEAST_SUM)))
+            (forward * forward, sum_squared.max(Vec4::splat(ScatterLobes::LEAST_SUM)))
         };
         let per_sum = sum_squared.recip();
 

@@ -23,9 +23,14 @@ const OF_NEIGHBOURS: f32 = 2.0;
 /// The mean over all nodes counts as much as this many samples of the neighbours.
 const OF_ALL: f32 = 4.0;
 
+/// A node that has so many samples keeps half of them, and half of what they gave: from there on it forgets
+/// by and by. 2^24 would be the last number that f32 can still count on from.
+const MOST: f32 = 65_536.0;
+
 /// Samples of the nodes of one cut: 8 bytes a node.
 ///
-/// Sums are in the order of the calls, so the same calls give the same bits.
+/// Sums are in the order of the calls, so the same calls give the same bits. There may be any number of them:
+/// beyond some ten thousands for one node, what was told last counts most.
 #[derive(Clone, Debug, Default)]
 pub struct NodeLearning {
     /// Samples drawn, and the sum of ρ² over them.
@@ -46,14 +51,15 @@ impl NodeLearning {
 
     /// Adds samples of this node that were drawn elsewhere.
     pub(crate) fn add(&mut self, node: usize, samples: f32, squares: f32) {
-        self.samples[node].0 += samples;
-        self.samples[node].1 += squares;
+        let told = &mut self.samples[node];
+        *told = halved((told.0 + samples, told.1 + squares));
     }
 
     /// A sample was drawn from below this node.
     #[inline]
     pub fn drawn(&mut self, node: usize) {
-        self.samples[node].0 += 1.0;
+        let told = &mut self.samples[node];
+        *told = halved((told.0 + 1.0, told.1));
     }
 
     /// The ρ of a sample that was drawn; one that gave nothing need not be told. What is not a number, or
@@ -91,6 +97,15 @@ impl NodeLearning {
             }));
         }
     }
+}
+
+/// Half of both, as often as there are too many samples.
+#[inline]
+fn halved((mut samples, mut squares): (f32, f32)) -> (f32, f32) {
+    while samples >= MOST {
+        (samples, squares) = (0.5 * samples, 0.5 * squares);
+    }
+    (samples, squares)
 }
 
 /// Passes, grouped into phases that begin with pass 0, 1, 4, 16, 64 and so on.
@@ -250,5 +265,38 @@ impl Learning {
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
         self.nodes.bytes() + self.known.bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two nodes that were both seen more often than f32 can count; then one is hidden. What was learned of it
+    /// falls as fast as if it had not been so many.
+    #[test]
+    fn many_samples_do_not_end_learning() {
+        let mut learning = NodeLearning::default();
+        let mut factors = Vec::new();
+        learning.begin(2);
+        let tell = |learning: &mut NodeLearning, passes: u32, first_is_seen: bool| {
+            for _ in 0..passes {
+                (0..2).for_each(|node| learning.drawn(node));
+                if first_is_seen {
+                    learning.gave(0, 2.0);
+                }
+                learning.gave(1, 2.0);
+            }
+        };
+        tell(&mut learning, 1 << 25, true);
+        learning.factors(&mut factors);
+        assert!((factors[0] / factors[1] - 1.0).abs() < 1e-3, "{factors:?}");
+        tell(&mut learning, 1 << 18, false);
+        learning.factors(&mut factors);
+        assert!(factors[0] < 0.25 * factors[1], "{factors:?}");
+
+        // So many at once, from an earlier frame.
+        learning.add(0, 3e9, 0.0);
+        assert!(learning.samples()[0].0 < MOST && learning.samples()[0].1 >= 0.0);
     }
 }

@@ -133,9 +133,10 @@ fn spread_10(mut x: u32) -> u32 {
     (x | x << 2) & 0x0924_9249
 }
 
-/// Bits of a 21-bit number, two zeros between each and the next.
-fn spread_21(x: u32) -> u64 {
-    let mut x = u64::from(x);
+/// Bits of a 21-bit number, two zeros between each and the next: a third of a Morton code of 63 bits.
+#[inline]
+pub fn spread_21(x: u32) -> u64 {
+    let mut x = u64::from(x & 0x001f_ffff);
     x = (x | x << 32) & 0x001f_0000_0000_ffff;
     x = (x | x << 16) & 0x001f_0000_ff00_00ff;
     x = (x | x << 8) & 0x100f_00f0_0f00_f00f;

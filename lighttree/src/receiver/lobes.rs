@@ -10,10 +10,6 @@ use crate::Toward;
 /// Share of a lobe's peak that a node which it may reach counts for at least.
 pub(crate) const LEAST_LOBE: f32 = 1.0 / 64.0;
 
-/// The least |view + light|² that is told from others: rounding to f32 leaves four digits of that sum's
-/// square.
-pub(crate) const LEAST_SUM: f32 = 1e-8;
-
 /// About how a surface scatters: a diffuse part, and a lobe around one axis.
 ///
 /// Towards ω it is `diffuse` · n·ω + `peak` · (w² / (w² + (1 - w²) sin² β))² with β the angle of the normal n
@@ -36,6 +32,10 @@ pub struct ScatterLobes {
 }
 
 impl ScatterLobes {
+    /// The least |view + light|² of unit vectors that is told from others: rounding to f32 leaves four digits
+    /// of that sum's square.
+    pub const LEAST_SUM: f32 = 1e-8;
+
     /// Only the diffuse part, of a surface with a normal of any length and this albedo. `None` where f32 has
     /// no such number.
     pub fn diffuse(normal: Vec3, albedo: f32) -> Option<Self> {
@@ -92,7 +92,7 @@ impl ScatterLobes {
         } else {
             let aside_squared = normal.cross(off).length_squared();
             let height = normal.dot(light).max(0.0) + normal.dot(axis);
-            let sum_squared = (aside_squared + height * height).max(f64::from(LEAST_SUM));
+            let sum_squared = (aside_squared + height * height).max(f64::from(Self::LEAST_SUM));
             ((aside_squared / sum_squared).min(1.0), sum_squared)
         };
         let width = (own + radius_squared / squared / sum_squared).min(1.0);

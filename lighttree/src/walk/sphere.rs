@@ -4,7 +4,8 @@
 use glam::{BVec4A, Vec4};
 
 use super::pair::Lanes;
-use crate::receiver::{LEAST_LOBE, LEAST_SUM};
+use crate::ScatterLobes;
+use crate::receiver::LEAST_LOBE;
 
 /// The bounding spheres of the boxes; all lengths are doubled.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +80,7 @@ impl Sphere {
             Lanes { x: self.center.x * inverse, y: self.center.y * inverse, z: self.center.z * inverse };
         let aside_squared = normal.cross(light.with(axis, |light, axis| light - axis)).dot_self();
         let height = light.dot(normal).max(Vec4::ZERO) + axis.dot(normal);
-        let sum_squared = (aside_squared + height * height).max(Vec4::splat(LEAST_SUM));
+        let sum_squared = (aside_squared + height * height).max(Vec4::splat(ScatterLobes::LEAST_SUM));
         let sin_squared = (aside_squared / sum_squared).min(Vec4::ONE);
 
         // Without a normal it is a lobe around its axis alone, of half the angle.
@@ -118,8 +119,8 @@ mod tests {
     use glam::{DVec3, Vec3};
 
     use super::*;
+    use crate::Toward;
     use crate::rng::Random;
-    use crate::{ScatterLobes, Toward};
 
     /// A surface and a view of it, as f32 knows them, and the width of its lobe.
     struct Surface {

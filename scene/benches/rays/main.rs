@@ -11,6 +11,8 @@
 //! the last column counts the rays that it answers otherwise), rays made from segments as ours are. `CwBvh`
 //! gets unit directions, because it ignores what is nearer than t = 1e-4.
 
+#[path = "../../../benches/cpu_time.rs"]
+mod cpu_time;
 mod leaks;
 mod sets;
 
@@ -18,6 +20,7 @@ use std::hint::black_box;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use cpu_time::cpu_time;
 use criterion::{Criterion, Throughput};
 use glam::{Vec3, Vec3A};
 use lighttree::{RayQueries, Segment};
@@ -227,17 +230,6 @@ impl Bench {
             *out = !self.cwbvh.ray_traverse_miss(ray, |ray, i| self.cwbvh_triangles[i].intersect(ray));
         }
     }
-}
-
-/// The CPU time of this thread, since others share the machine; the time of day where there is no such clock.
-fn cpu_time() -> Duration {
-    #[cfg(unix)]
-    {
-        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.try_into().expect("less than 10^9"))
-    }
-    #[cfg(not(unix))]
-    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
 }
 
 fn via(rays: &SceneRays, set: &RaySet, out: &mut [bool], scratch: &mut RayScratch) {

@@ -2,7 +2,7 @@
 
 mod common;
 
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use lighttree::rng::Random;
 use render_gpu::GpuError;
 use render_gpu::filter::{
@@ -52,8 +52,11 @@ impl Film {
                 film.albedo[i] = Vec3::new(0.8, 0.5, 0.2);
                 film.motion[i] = Vec3::new(-1.7, 0.0, 0.0);
             } else if y > 8.0 {
-                film.normal[i] = Vec3::new(0.0, 0.3, -1.0).normalize();
-                film.depth[i] = 9.0 + 0.03 * y + 0.01 * x;
+                // It turns and moves back in every other frame, column by column and row by row more: up to
+                // and beyond what is still the same surface.
+                let (turn, back) = if index % 2 == 1 { (0.0075 * x, 0.006 * y) } else { (0.0, 0.0) };
+                film.normal[i] = Quat::from_rotation_y(turn) * Vec3::new(0.0, 0.3, -1.0).normalize();
+                film.depth[i] = 9.0 + 0.03 * y + 0.01 * x + back;
                 film.albedo[i] =
                     Vec3::splat(if (x as u32 / 5 + y as u32 / 5).is_multiple_of(2) { 0.7 } else { 0.005 });
                 film.emission[i] = if x > 80.0 { Vec3::splat(5.0) } else { Vec3::ZERO };

@@ -319,11 +319,11 @@ fn what_is_wrong_with_geometry_is_named() {
     }
 }
 
-/// A texture of 256 x 256 texels has room for 21,845 triangles and 16,384 nodes.
+/// A texture of 512 x 512 texels has room for 87,381 triangles.
 #[test]
 fn geometry_beyond_a_texture_names_the_limit() {
     let _ = gpu_or_skip!();
-    let limits = wgpu::Limits { max_texture_dimension_2d: 256, ..required_limits() };
+    let limits = wgpu::Limits { max_texture_dimension_2d: 512, ..required_limits() };
     let (small, queue) = common::device(limits).expect("less than the default");
     let gpu = Gpu::new(&small, &queue).unwrap();
     let upload = |count: u32| {
@@ -335,17 +335,20 @@ fn geometry_beyond_a_texture_names_the_limit() {
         let mesh = MeshGeometry { triangles: &triangles, tree: BinaryTree { nodes: &nodes, order: &order } };
         RayGeometry::new(&gpu, &Geometry { meshes: &[mesh], instances: None })
     };
-    // All of a full texture is found.
-    let most = 256 * 256 / 3;
-    let mut device = DeviceRays::new(&gpu, upload(most).unwrap()).unwrap();
-    let mut hits = [None; 1];
-    for i in [0, 1, 20_000, most - 1] {
-        let origin = Vec3::new(0.2, 0.2, i as f32 + 0.5);
-        let ray = Ray { origin, direction: -Vec3::Z, t_max: f32::INFINITY };
-        device.closest_batch(&[ray], &mut hits).unwrap();
-        assert_eq!(hits[0].map(|hit| hit.primitive), Some(i));
+    // All is found: where triangles have longer rows than nodes, and in a full texture.
+    let most = 512 * 512 / 3;
+    for count in [50_000, most] {
+        let mut device = DeviceRays::new(&gpu, upload(count).unwrap()).unwrap();
+        for i in [0, 1, 20_000, count - 1] {
+            let origin = Vec3::new(0.2, 0.2, i as f32 + 0.5);
+            let mut hits = [None];
+            device
+                .closest_batch(&[Ray { origin, direction: -Vec3::Z, t_max: f32::INFINITY }], &mut hits)
+                .unwrap();
+            assert_eq!(hits[0].map(|hit| hit.primitive), Some(i));
+        }
     }
     let error = upload(most + 1).unwrap_err();
-    let limit = GpuError::Limit { limit: "max_texture_dimension_2d", needed: 512, available: 256 };
+    let limit = GpuError::Limit { limit: "max_texture_dimension_2d", needed: 1024, available: 512 };
     assert_eq!(error, UploadError::Gpu(limit));
 }

@@ -112,7 +112,7 @@ fn kept(id: u32, count: u32) -> vec2f {
             sum += earlier[k] / f32(1u << (depth - other_depth));
         }
     }
-    return KEEP * sum;
+    return halved(KEEP * sum);
 }
 
 fn doubt_of(group: ReceiverGroup, space: Space, id: u32) -> f32 {

@@ -36,7 +36,8 @@ fn learn_blocks(
                     if (tag.node == node) {
                         // An outlier steers no more than this; it costs variance at worst.
                         let ratio = min(outcomes[first + j], 1e30) * tag.scale;
-                        sum += vec2f(1.0, select(0.0, min(ratio * ratio, 1e30), ratio > 0.0));
+                        sum = halved(sum + vec2f(1.0, 0.0));
+                        sum.y += select(0.0, min(ratio * ratio, 1e30), ratio > 0.0);
                     }
                 }
             }

@@ -21,12 +21,23 @@ use crate::tree::DeviceTree;
 use crate::{DEFAULT_RECEIVER, Gpu, GpuError, ReceiverRecord};
 
 /// A cut for each block, and draws from distributions over it.
-pub(crate) const DRAW_CDF: Source =
-    drawing_source!("draw_cdf", "lib/one_level.wgsl", "lib/estimate.wgsl", "draw_cdf.wgsl");
+pub(crate) const DRAW_CDF: Source = drawing_source!(
+    "draw_cdf",
+    "lib/one_level.wgsl",
+    "lib/estimate.wgsl",
+    "lib/learned.wgsl",
+    "draw_cdf.wgsl"
+);
 
 /// What shadow rays found, node by node.
-pub(crate) const LEARN: Source =
-    source!("learn", "lib/records.wgsl", "lib/grid.wgsl", "lib/request.wgsl", "learn.wgsl");
+pub(crate) const LEARN: Source = source!(
+    "learn",
+    "lib/records.wgsl",
+    "lib/grid.wgsl",
+    "lib/request.wgsl",
+    "lib/learned.wgsl",
+    "learn.wgsl"
+);
 
 /// Most nodes of a cut: what the 16 KiB of workgroup memory that WebGPU promises have room for.
 pub const MOST_CDF_NODES: u32 = 512;
@@ -222,6 +233,7 @@ impl CdfDraws {
     }
 
     /// For each block and node the samples drawn, and the sum of their squared ratios: f32s.
+    /// At 65,536 samples of a node both are halved, so it never stops learning.
     pub const fn learned(&self) -> &Buffer {
         &self.learned
     }

@@ -300,6 +300,74 @@ fn new_cuts_keep_what_earlier_ones_have_learned() {
     assert!(keeping < 0.7 * forgetting);
 }
 
+/// Half of what is known of a node that has 65,536 samples or more.
+fn halved([mut samples, mut squares]: [f32; 2]) -> [f32; 2] {
+    while samples >= 65_536.0 {
+        (samples, squares) = (0.5 * samples, 0.5 * squares);
+    }
+    [samples, squares]
+}
+
+#[test]
+fn many_samples_do_not_end_learning() {
+    let gpu = gpu_or_skip!();
+    let mut pixels = picture();
+    let lights = lights(2000, 3);
+    let device = device_tree(gpu, &lights);
+    let options = options(32, 8, 16, Some(0.1));
+    let frame = Frame::new(gpu, &device, &pixels, options);
+    let buffer = gpu.buffer("outcomes", 4 * frame.entries as u64, wgpu::BufferUsages::empty()).unwrap();
+    let learner = frame.draws.learner(gpu, &buffer).unwrap();
+    let blocks = BlockGrid::new(WIDTH, HEIGHT, 16);
+    let fill = |told: [f32; 2]| {
+        gpu.write(frame.draws.learned(), &vec![told; 32 * blocks.blocks() as usize]).unwrap();
+        vec![[told; 32]; blocks.blocks() as usize]
+    };
+
+    // Some nodes pass the limit in the middle of a frame.
+    let mut wanted = fill([65_500.0, 100_000.0]);
+    let rows = frame.draw(gpu, &DrawRequest { seed: 7, ..DrawRequest::default() });
+    let gave = outcomes(&pixels, &lights, &rows);
+    gpu.write(&buffer, &gave).unwrap();
+    gpu.run("learn", |encoder| learner.encode(encoder)).unwrap();
+    let tags: Vec<NodeTag> = gpu.read(frame.draws.tags(), frame.entries).unwrap();
+    for ((tag, gave), i) in tags.iter().zip(&gave).zip(0..).filter(|((tag, _), _)| tag.node != u32::MAX) {
+        let told = &mut wanted[blocks.block_of(i / 8) as usize][tag.node as usize];
+        *told = halved([told[0] + 1.0, told[1]]);
+        told[1] += (gave * tag.scale).powi(2);
+    }
+    let near = |a: f32, b: f32| (a - b).abs() <= 1e-4 * b;
+    let mut passed = 0;
+    for (found, wanted) in frame.learned(gpu, &options).iter().zip(&wanted) {
+        for (found, wanted) in found.iter().zip(wanted) {
+            assert!(found[0] == wanted[0] && near(found[1], wanted[1]), "{found:?}, not {wanted:?}");
+            passed += usize::from(found[0] < 40_000.0);
+        }
+    }
+    assert!(passed > 10, "{passed} nodes passed the limit");
+
+    // Nodes of new cuts may take over more than that at once.
+    fill([60_000.0, 90_000.0]);
+    let learned = frame.learned(gpu, &options);
+    let cuts = frame.cuts(gpu, &options);
+    for pixel in pixels.iter_mut().filter(|pixel| **pixel != ReceiverRecord::NONE) {
+        pixel.position[0] += 5.0;
+    }
+    gpu.write(&frame.receivers, &pixels).unwrap();
+    gpu.run("cuts", |encoder| frame.draws.encode_cuts_keeping(encoder)).unwrap();
+    let mut passed = 0;
+    let (new_cuts, new_learned) = (frame.cuts(gpu, &options), frame.learned(gpu, &options));
+    for (((cut, found), before), learned) in new_cuts.iter().zip(&new_learned).zip(&cuts).zip(&learned) {
+        for (&node, found) in cut.iter().zip(found) {
+            let all = kept(node, before, learned).map(|x| x as f32);
+            let wanted = halved(all);
+            assert!(near(found[0], wanted[0]) && near(found[1], wanted[1]), "{found:?}, not {wanted:?}");
+            passed += usize::from(all != wanted);
+        }
+    }
+    assert!(passed > 0, "no node took over more");
+}
+
 #[test]
 fn what_is_learned_is_what_the_cpu_learns_and_saves_noise() {
     let gpu = gpu_or_skip!();

@@ -4,8 +4,9 @@
 //! to its error before the first update, against lights accumulated. The view is what a camera sees of the
 //! scene before the edit. Clusters by invalid flux, clusters first in, first out, and a bake from scratch. A
 //! line for each, and the curves as SVG into the folder named after `--svg`. `--quick` runs a small one;
-//! `--blind` says nothing of what is looked at, `--why` what became of lights and how few changes would do,
-//! `--points` where the curves are, `--least 0.5` sets the least share of validation.
+//! `--watch 64` says so many points of what is looked at, `--blind` none, `--why` what became of lights and
+//! how few changes would do, `--points` where the curves are, `--least 0.5` sets the least share of
+//! validation.
 
 mod common;
 #[path = "common/spending.rs"]
@@ -36,6 +37,8 @@ struct Options {
     blind: bool,
     /// The least share of validation.
     least: f64,
+    /// Pixels of the view that are said to be looked at.
+    watch: (u32, u32),
 }
 
 /// Error over initial error after so many accumulations.
@@ -104,8 +107,8 @@ fn case(
         let mut baker = start.clone();
         baker.set_order(order);
         if !options.blind {
-            // Every ninth pixel says where the viewer looks.
-            let points: Vec<_> = seen.points.iter().step_by(9).copied().collect();
+            // What is looked at is not what the error is taken of: the same camera, but other pixels.
+            let points = View::new(before.now(), options.watch).points;
             baker.watch(&points).unwrap();
             // One look at what is baked, before it changes.
             baker.step(StepBudget { paths: 0, accumulations: 0 }, &host.trace(), &mut |_| {});
@@ -162,7 +165,16 @@ fn main() {
     let quick = args.iter().any(|arg| arg == "--quick" || arg == "--test");
     let least = args.iter().position(|arg| arg == "--least").and_then(|i| args.get(i + 1)?.parse().ok());
     let asked = |name: &str| args.iter().any(|arg| arg == name);
-    let options = Options { why: asked("--why"), blind: asked("--blind"), least: least.unwrap_or(0.5) };
+    let watch = args.iter().position(|arg| arg == "--watch").and_then(|i| args.get(i + 1)?.parse().ok());
+    // Of 16 by 9.
+    let rows = |points: u32| ((f64::from(points) * 9.0 / 16.0).sqrt() as u32).max(1);
+    let pixels = |points: u32| (points / rows(points), rows(points));
+    let options = Options {
+        why: asked("--why"),
+        blind: asked("--blind"),
+        least: least.unwrap_or(0.5),
+        watch: pixels(watch.unwrap_or(1008)),
+    };
     let svg = args.iter().position(|arg| arg == "--svg").and_then(|i| args.get(i + 1));
     let scenes: &[Run] = if quick {
         &[("warehouse", 24, 4000, 80, (24, 14))]

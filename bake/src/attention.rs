@@ -17,7 +17,7 @@ use crate::forest::{Node, Place};
 use crate::sums::{GRID, Sums, Units};
 use crate::trace::Trace;
 use crate::validate::crosses;
-use crate::{BakeError, Bounds, Contribution, GeometryVersion, Shape, Target};
+use crate::{BakeError, Bounds, Contribution, GeometryVersion, Incident, Shape, Target, VirtualLight};
 
 /// Points that are looked at, with their unit normals, and what moved.
 #[derive(Clone, Debug, Default)]
@@ -36,7 +36,7 @@ pub(crate) struct Views {
     baked: Vec<f32>,
     /// As the same lights would be now.
     now: Vec<f32>,
-    /// Of each light, which points see it now.
+    /// Of each light, which points see it now: a bit each, in words of 64 points.
     masks: Vec<u64>,
     /// What "now" is.
     version: GeometryVersion,
@@ -53,8 +53,22 @@ pub(crate) struct Invalid<'a> {
     pub(crate) views: Option<&'a Views>,
 }
 
-/// The most points that are looked at.
-const MOST_POINTS: usize = u64::BITS as usize;
+/// The most points that are looked at, whatever a cluster takes for each of them.
+const MOST_POINTS: usize = 1024;
+/// The most points of all clusters together, eight bytes each.
+const MOST_VIEWS: usize = 1 << 23;
+
+impl Views {
+    /// Irradiance at each point as it is baked.
+    pub(crate) fn baked(&self) -> &[f32] {
+        &self.baked
+    }
+
+    /// What the shadows of now change at each point.
+    pub(crate) fn changes(&self) -> impl Iterator<Item = f32> {
+        self.now.iter().zip(&self.baked).map(|(now, baked)| now - baked)
+    }
+}
 
 impl Attention {
     pub(crate) fn log(&mut self, version: GeometryVersion, bounds: Bounds) {
@@ -74,6 +88,11 @@ impl Attention {
         self.moved.clear();
     }
 
+    /// How many points are looked at.
+    pub(crate) const fn points(&self) -> usize {
+        self.points.len()
+    }
+
     /// What is seen of lights that are baked now.
     pub(crate) fn look(
         &self,
@@ -85,7 +104,7 @@ impl Attention {
             return None;
         }
         let none = vec![0.0; self.points.len()];
-        let masks = vec![0; lights.len()];
+        let masks = vec![0; lights.len() * self.words()];
         let mut views = Views { baked: Vec::new(), now: none, masks, version };
         self.ask(&mut views, lights, trace, |_| true);
         views.baked.clone_from(&views.now);
@@ -108,6 +127,11 @@ impl Attention {
         });
     }
 
+    /// Words of 64 points.
+    const fn words(&self) -> usize {
+        self.points.len().div_ceil(u64::BITS as usize)
+    }
+
     /// Asks whether points see lights, and changes the views by what is seen otherwise than before.
     fn ask(
         &self,
@@ -119,17 +143,14 @@ impl Attention {
         let (mut asked, mut rays) = (Vec::new(), Vec::new());
         for (number, Contribution { light, .. }) in lights.iter().enumerate() {
             for (i, &(position, normal)) in self.points.iter().enumerate() {
-                let [u, v, ..] = pcg4d([light.seed, i as u32, 0x6c6f_6f6b, 0]);
-                let Some(incident) = light.incident(position, normal, [unit_f32(u), unit_f32(v)]) else {
-                    continue;
-                };
+                let Some(incident) = incident_at(light, i, (position, normal)) else { continue };
                 let (direction, distance) = match incident.target {
                     Target::At(to) => ((to - position).normalize_or_zero(), to.distance(position)),
                     Target::Toward(direction) => (direction, f32::INFINITY),
                 };
                 let to = position + direction * distance.min(1e30);
                 if direction != Vec3::ZERO && is_asked(&(position, to)) {
-                    asked.push((number, i, incident.irradiance.element_sum() / 3.0, distance));
+                    asked.push((number, i, mean(incident.irradiance), distance));
                     rays.push(Ray { origin: position, direction, t_max: f32::INFINITY });
                 }
             }
@@ -140,9 +161,10 @@ impl Attention {
             // Nearly at the light is at it: it lies just off its surface.
             let is_seen =
                 hit.is_none_or(|hit| hit.position.distance(self.points[i].0) >= (1.0 - 1e-3) * distance);
-            let was_seen = views.masks[number] >> i & 1 != 0;
+            let (word, bit) = (number * self.words() + i / 64, i % 64);
+            let was_seen = views.masks[word] >> bit & 1 != 0;
             if is_seen != was_seen {
-                views.masks[number] ^= 1 << i;
+                views.masks[word] ^= 1 << bit;
                 views.now[i] += if is_seen { irradiance } else { -irradiance };
             }
         }
@@ -184,6 +206,17 @@ impl Attention {
             }
         }
     }
+}
+
+/// Light that comes to point number `i`, from the place on the light that is this point's.
+fn incident_at(light: &VirtualLight, i: usize, (position, normal): (Vec3, Vec3)) -> Option<Incident> {
+    let [u, v, ..] = pcg4d([light.seed, i as u32, 0x6c6f_6f6b, 0]);
+    light.incident(position, normal, [unit_f32(u), unit_f32(v)])
+}
+
+/// Mean of the channels.
+fn mean(irradiance: Vec3) -> f32 {
+    irradiance.element_sum() / 3.0
 }
 
 /// A cluster as seen from afar.
@@ -250,14 +283,20 @@ impl Source {
 }
 
 impl Baker {
-    /// Says what is looked at: points just off surfaces, and unit normals; 64 of what a camera sees, say (of
-    /// more, 64 are taken evenly). From now on updates come first that will change most there; without points
-    /// (as at first) those of the most invalid flux. The next [`step`](Self::step) asks a ray for each point
-    /// and each baked light, as later ones do for lights that they bake; so say it before an edit, and again
-    /// when the camera has moved far. Where the bake ends does not depend on it, and it is not saved.
+    /// Says what is looked at: points just off surfaces, and unit normals; a few hundred of what a camera
+    /// sees, say. From now on updates come first that will change most there; without points (as at first)
+    /// those of the most invalid flux. Where the bake ends does not depend on it, and it is not saved.
+    ///
+    /// The next [`step`](Self::step) asks a ray for each point and each baked light, as later ones do for
+    /// lights that they bake or foresee; so say it before an edit, and again when the camera has moved far.
+    /// A point costs about what a texel does. The more points, the less falls between them
+    /// (`docs/bake.md` has the curve); of more than 1024, or than 8 million over
+    /// [`clusters`](crate::BakeParams::clusters), as many are taken evenly. A cluster takes eight bytes for
+    /// each point, and up to eight more while its change is foreseen.
     ///
     /// # Errors
-    /// [`BakeError::Watched`]: a point that is not finite, or a normal that is not of unit length. Then nothing has changed.
+    /// [`BakeError::Watched`]: a point that is not finite, or a normal that is not of unit length. Then
+    /// nothing has changed.
     pub fn watch(&mut self, points: &[(Vec3, Vec3)]) -> Result<(), BakeError> {
         let sound = |(point, normal): &(Vec3, Vec3)| {
             point.is_finite() && (normal.length_squared() - 1.0).abs() < 0.01
@@ -265,9 +304,11 @@ impl Baker {
         if let Some(index) = points.iter().position(|point| !sound(point)) {
             return Err(BakeError::Watched { index });
         }
-        let count = points.len().min(MOST_POINTS);
+        let most = (MOST_VIEWS / self.params.clusters.max(1)).clamp(1, MOST_POINTS);
+        let count = points.len().min(most);
         let evenly = (0..count).map(|i| points[i * points.len() / count]);
         self.attention = Attention { points: evenly.collect(), ..Attention::default() };
+        self.foresight = None;
         self.cut.forget_views();
         self.refresh();
         Ok(())

@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 use crate::aperture::{ApertureTree, Stage};
 use crate::attention::{Attention, Invalid};
 use crate::cut::{Cut, Saved};
+use crate::foresight::Foresight;
 use crate::forest::{Forest, Node, OCTREE, Place};
 use crate::path_numbers::PathNumbers;
 use crate::paths::Paths;
@@ -39,6 +40,7 @@ pub struct Baker {
     pub(crate) objects: BTreeMap<u32, u32>,
     pub(crate) turns: Turns,
     pub(crate) attention: Attention,
+    pub(crate) foresight: Option<Foresight>,
     /// All paths were traced once.
     pub(crate) primed: bool,
     /// What a saved bake said, until paths are traced and it can be given to its clusters.
@@ -124,6 +126,7 @@ impl Baker {
             objects: BTreeMap::new(),
             turns: Turns::default(),
             attention: Attention::default(),
+            foresight: None,
             primed: false,
             restored: Vec::new(),
             stats: BakeStats::default(),
@@ -140,6 +143,7 @@ impl Baker {
     /// Another order of updates from now on.
     pub fn set_order(&mut self, order: crate::UpdateOrder) {
         self.params.order = order;
+        self.foresight = None;
         self.cut.set_order(order);
         self.refresh();
     }

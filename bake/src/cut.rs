@@ -65,12 +65,14 @@ pub(crate) struct State {
     /// Flux of paths that left its members for other receivers since it was baked, in units.
     absolute: i64,
     /// Not up to date.
-    is_pending: bool,
+    pub(crate) is_pending: bool,
+    /// Its members are those that it was baked with: at most its shadows are out of date.
+    pub(crate) keeps_members: bool,
     is_touched: bool,
     rank: Option<Rank>,
     urgency: Option<Urgency>,
     /// How much an update changes, and of how much.
-    worth: (f64, f64),
+    pub(crate) worth: (f64, f64),
     /// When it became pending.
     since: i64,
 }
@@ -346,6 +348,31 @@ impl Cut {
         (introduces_less || self.selected + 1 - children >= self.budget).then_some(Balancing::Merge(state))
     }
 
+    /// The nodes that are refined where the cut is balanced, among the trees with these roots.
+    pub(crate) fn refined_in_balance(&self, forest: &Forest, roots: &[u32]) -> BTreeSet<u32> {
+        let (mut refined, mut selected) = (BTreeSet::new(), roots.len());
+        let parted = |&node: &u32| !forest.is_leaf(node);
+        let ranked = |node: u32| (Rank::of(&forest.nodes[node as usize]), node);
+        let mut open: BTreeSet<(Rank, u32)> = roots.iter().copied().filter(parted).map(ranked).collect();
+        while selected < self.budget
+            && let Some((_, node)) = open.pop_last()
+        {
+            refined.insert(node);
+            selected += forest.children(node).count() - 1;
+            open.extend(forest.children(node).filter(parted).map(ranked));
+        }
+        refined
+    }
+
+    /// What is baked of nodes that are no more.
+    pub(crate) const fn orphans(&self) -> &BTreeMap<(i64, u64), Vec<Contribution>> {
+        &self.orphans
+    }
+
+    pub(crate) const fn order(&self) -> UpdateOrder {
+        self.order
+    }
+
     /// Replaces a selected node by its children; hands over what was baked of it.
     pub(crate) fn refine(&mut self, forest: &mut Forest, index: u32) -> (Vec<Contribution>, Vec<u32>) {
         self.unlist(index);
@@ -406,6 +433,7 @@ impl Cut {
         state.flux_at_bake = forest.nodes[state.node as usize].sums.flux;
         state.absolute = 0;
         state.is_pending = false;
+        state.keeps_members = true;
         self.touch(index);
     }
 
@@ -507,6 +535,7 @@ impl Goodbye for Cut {
             state.absolute = absolute;
             self.selected += 1;
         }
+        state.keeps_members = false;
         self.pend(index);
     }
 
@@ -522,6 +551,7 @@ impl Goodbye for Cut {
         if self.states[index as usize].refined {
             self.touch(index);
         } else {
+            self.states[index as usize].keeps_members = false;
             self.pend(index);
         }
     }

@@ -50,6 +50,7 @@ mod baker;
 mod cell;
 mod cut;
 mod edits;
+mod foresight;
 mod forest;
 mod hull;
 mod incident;

@@ -168,6 +168,13 @@ fn balancing_ends_in_one_place() {
             fresh.refresh(&fresh_forest, &[], worth);
             balance(&mut fresh_forest, &mut fresh);
             assert_eq!(selection(&forest, &cut), selection(&fresh_forest, &fresh));
+            // It is known beforehand.
+            let is_refined = |&node: &u32| {
+                let state = fresh_forest.nodes[node as usize].state;
+                state != NONE && fresh.states[state as usize].refined
+            };
+            let refined: BTreeSet<u32> = (0..nodes as u32).filter(is_refined).collect();
+            assert_eq!(fresh.refined_in_balance(&fresh_forest, &[OCTREE]), refined);
         }
     }
 }
@@ -225,7 +232,7 @@ fn bakes_hold_in_the_midst_of_edits() {
         baker.add_light(LightKey(0), light(3.0, 0.1)).unwrap();
         let (mut random, mut generations) = (Random::new(seed, 9, 9), [0; 8]);
         for _ in 0..40 {
-            match random.u32() % 6 {
+            match random.u32() % 7 {
                 0 => {
                     let object = random.u32() % 8;
                     generations[object as usize] += 1;
@@ -236,6 +243,14 @@ fn bakes_hold_in_the_midst_of_edits() {
                 2 => baker.set_light(LightKey(0), light(1.0, random.f32() + 0.01)).unwrap(),
                 3 => drop(baker.add_light(LightKey(1), light(2.0, 0.2))),
                 4 => drop(baker.remove_light(LightKey(1))),
+                5 => {
+                    let mut point = || {
+                        let Hit { position, normal, .. } = hit(&mut random);
+                        (position, decode(normal))
+                    };
+                    let points: Vec<_> = (0..70).map(|_| point()).collect();
+                    baker.watch(&points[..random.u32() as usize % 71]).unwrap();
+                }
                 _ => {}
             }
             let budget =

@@ -19,7 +19,8 @@ use crate::{Contribution, LightKey, Update, VirtualLight};
 /// How much one step does at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepBudget {
-    /// Paths looked at.
+    /// Paths looked at; and where somebody looks ([`Baker::watch`]), once all paths are valid, virtual point
+    /// lights of clusters whose new lights are foreseen.
     pub paths: usize,
     /// Lights accumulated. The update that reaches it is finished, so that up to 9 K - 1 more may be.
     pub accumulations: usize,
@@ -50,7 +51,8 @@ impl Baker {
         trace: &Trace<'_>,
         apply: &mut dyn FnMut(&Update),
     ) -> Progress {
-        if self.validate_paths(budget.paths, trace) > 0 {
+        let looked_at = self.validate_paths(budget.paths, trace);
+        if looked_at > 0 {
             self.refresh();
         }
         let mut progress = Progress::default();
@@ -62,6 +64,7 @@ impl Baker {
         }
         if self.primed {
             self.look_around(trace);
+            self.foresee(budget.paths.saturating_sub(looked_at), trace);
             // Balancing what is not baked yet costs no light, but time.
             let mut turns = 64 + 8 * budget.accumulations;
             while progress.accumulations < budget.accumulations && turns > 0 {
@@ -105,6 +108,10 @@ impl Baker {
     /// The next update, empty where it changed nothing in the baked light; `None` if all clusters are
     /// balanced and up to date.
     fn next_update(&mut self, trace: &Trace<'_>) -> Option<Update> {
+        if let Some(update) = self.next_foreseen(trace) {
+            self.refresh();
+            return Some(update);
+        }
         let validation = self.cut.next_validation(&self.forest);
         let balancing = self.cut.next_balancing(&self.forest);
         let update = match (validation, balancing) {
@@ -153,37 +160,38 @@ impl Baker {
         }
         let mut update = Update { subtract, add: Vec::new() };
         for state in states {
-            let lights = self.lights_of(state);
-            update.add.extend_from_slice(&lights);
-            let views = self.attention.look(&lights, self.version, trace);
-            self.cut.set_baked(&self.forest, state, lights, views);
+            self.bake_state(state, &mut update, trace);
         }
         self.stats.balancing_updates += 1;
         without_common(update)
     }
 
-    fn bring_up_to_date(&mut self, pending: Pending, trace: &Trace<'_>) -> Update {
+    /// The lights of a selected node as they are now are what is baked of it; they are added to the update.
+    pub(crate) fn bake_state(&mut self, state: u32, update: &mut Update, trace: &Trace<'_>) {
+        let lights = self.lights_of(self.cut.states[state as usize].node);
+        update.add.extend_from_slice(&lights);
+        let views = self.attention.look(&lights, self.version, trace);
+        self.cut.set_baked(&self.forest, state, lights, views);
+    }
+
+    pub(crate) fn bring_up_to_date(&mut self, pending: Pending, trace: &Trace<'_>) -> Update {
         let update = match pending {
             Pending::Orphans(key) => Update { subtract: self.cut.take_orphans(key), add: Vec::new() },
             Pending::State(state) => {
-                let add = self.lights_of(state);
                 let subtract = core::mem::take(&mut self.cut.states[state as usize].baked);
-                let views = self.attention.look(&add, self.version, trace);
-                self.cut.set_baked(&self.forest, state, add.clone(), views);
-                without_common(Update { subtract, add })
+                let mut update = Update { subtract, add: Vec::new() };
+                self.bake_state(state, &mut update, trace);
+                without_common(update)
             }
         };
         self.stats.validation_updates += u64::from(!update.is_empty());
         update
     }
 
-    /// The lights of a selected node as they are now.
-    fn lights_of(&self, state: u32) -> Vec<Contribution> {
-        let node = &self.forest.nodes[self.cut.states[state as usize].node as usize];
-        let lights = match node.place {
-            Place::Cell { depth, code } => {
-                self.lights_of_cell(self.cut.states[state as usize].node, depth, code)
-            }
+    /// The lights of a node as they are now.
+    pub(crate) fn lights_of(&self, node: u32) -> Vec<Contribution> {
+        let lights = match self.forest.nodes[node as usize].place {
+            Place::Cell { depth, code } => self.lights_of_cell(node, depth, code),
             Place::Piece { light: key, piece } => {
                 let lamp = &self.lights[&key];
                 let piece_of = &lamp.tree.pieces[piece as usize];
@@ -250,7 +258,7 @@ impl Baker {
 }
 
 /// Leaves out what is subtracted and added again as it was.
-fn without_common(mut update: Update) -> Update {
+pub(crate) fn without_common(mut update: Update) -> Update {
     let mut i = 0;
     while i < update.subtract.len() {
         match update.add.iter().position(|added| *added == update.subtract[i]) {

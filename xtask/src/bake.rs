@@ -322,6 +322,9 @@ impl<'a> Bake<'a> {
         if self.done == 0 && !self.settle(None)? {
             return Ok(false);
         }
+        if self.done < self.edits.len() {
+            self.watch(camera)?;
+        }
         let mut pictures = 0;
         let shows = |edit: &Edit| matches!(edit, Edit::Bake { .. });
         while self.done < self.edits.len() {
@@ -349,6 +352,18 @@ impl<'a> Bake<'a> {
             }
         }
         self.settle(None)
+    }
+
+    /// From now on what the camera sees comes first.
+    fn watch(&mut self, camera: &scene::Camera) -> Result<(), Failure> {
+        let size = self.args.size;
+        let points = view::looked_at(&self.geometry, camera, size, self.settings.whole("watch"));
+        self.baker.watch(&points).map_err(|error| Failure::failed(format!("--set watch: {error}")))?;
+        // One look at what is baked, before it changes.
+        let (world, geometry) = (&self.world, &self.geometry);
+        let budget = StepBudget { paths: 0, accumulations: 0 };
+        self.baker.step(budget, &|rays, hits| world.trace(geometry, rays, hits), &mut |_| {});
+        Ok(())
     }
 
     /// Steps until all is up to date, or so many updates were made since the last edit; whether it came so

@@ -51,7 +51,7 @@ pub(crate) struct BakeArgs {
 }
 
 /// What `--set` turns.
-pub(super) const KEYS: [Key; 17] = [
+pub(super) const KEYS: [Key; 18] = [
     Key {
         name: "clusters",
         default: "600",
@@ -117,6 +117,12 @@ pub(super) const KEYS: [Key; 17] = [
         default: "f32",
         range: Range::OneOf(&["f32", "f16"]),
         trades: "f16: half the size, at most 65504 W/m2",
+    },
+    Key {
+        name: "watch",
+        default: "256",
+        range: Range::Whole(0, 1024),
+        trades: "points of the camera's view that say which updates come first: sooner right there against rays; 0: by flux",
     },
     Key {
         name: "view",

@@ -59,6 +59,29 @@ pub(crate) fn view(
     film
 }
 
+/// Of what the camera sees, about so many points evenly, just off surfaces and with their normals.
+pub(crate) fn looked_at(
+    geometry: &Geometry,
+    camera: &Camera,
+    size: (u32, u32),
+    points: u32,
+) -> Vec<(Vec3, Vec3)> {
+    let (scene, tree) = (&geometry.0.scene, &geometry.0.rays);
+    // Pixels of the picture's shape.
+    let across = (f64::from(points) * f64::from(size.0) / f64::from(size.1)).sqrt();
+    let width = (across.round() as u32).clamp(1, points.max(1));
+    let height = (points / width).max(1);
+    let mut scratch = RayScratch::default();
+    let point = |pixel: u32| {
+        let at = Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
+        let ray = camera.ray(at, width, height);
+        let hit = tree.closest(&ray, &mut scratch)?;
+        let surface = tree.surface(scene, &ray, &hit);
+        Some((surface.offset(-ray.direction), surface.facing_normal()))
+    };
+    (0..width * height).filter_map(point).collect()
+}
+
 fn irradiance(page: &Image, at: Vec2, normal: Vec3) -> Vec3 {
     if page.channels == 3 {
         return Vec3::from_array([0, 1, 2].map(|channel| page.lookup(at, channel)));

@@ -285,6 +285,47 @@ fn bakes_hold_in_the_midst_of_edits() {
     }
 }
 
+/// Where somebody looks, what is parted or joined over several levels is one update, and the cut holds before
+/// and after it.
+#[test]
+fn lamps_that_change_places_are_parted_and_joined() {
+    let everywhere = Bounds { min: Vec3::splat(-1.0), max: Vec3::splat(1.0) };
+    let params = BakeParams { clusters: 14, bounces: 1, ..BakeParams::new(everywhere, 0.01, group) };
+    let mut baker = Baker::new(params).unwrap();
+    let light = |flux: f32| Light { flux: Vec3::splat(flux), ..lamp(20_000, 0.5) };
+    baker.add_light(LightKey(0), light(1e4)).unwrap();
+    baker.add_light(LightKey(1), light(1e-4)).unwrap();
+    let points: Vec<_> = (0..20).map(|i| (Vec3::splat(0.04 * i as f32 - 0.4), Vec3::Y)).collect();
+    let mut deepest = 0;
+    for round in 0..4u32 {
+        let depth = |baker: &Baker, key: u32| {
+            let selected = baker.cut.states.iter().filter(|state| state.node != NONE && !state.refined);
+            let nodes = selected.map(|state| &baker.forest.nodes[state.node as usize]);
+            let of_lamp =
+                nodes.filter(|node| matches!(node.place, Place::Piece { light, .. } if light.0 == key));
+            of_lamp.map(|node| node.depth).max().unwrap()
+        };
+        let before = [0, 1].map(|key| depth(&baker, key));
+        loop {
+            let budget = StepBudget { paths: 3000, accumulations: 1 };
+            let progress = baker.step(budget, &chaos([0; 8]), &mut |_| {});
+            check(&baker);
+            if progress.is_done {
+                break;
+            }
+        }
+        let after = [0, 1].map(|key| depth(&baker, key));
+        deepest = deepest.max(if round == 0 { 0 } else { before[0].abs_diff(after[0]) });
+        check_flux(&baker);
+        baker.watch(&points).unwrap();
+        baker.step(StepBudget { paths: 0, accumulations: 0 }, &chaos([0; 8]), &mut |_| {});
+        let [a, b] = if round % 2 == 0 { [1e-4, 1e4] } else { [1e4, 1e-4] };
+        baker.set_light(LightKey(0), light(a)).unwrap();
+        baker.set_light(LightKey(1), light(b)).unwrap();
+    }
+    assert!(deepest > 1, "{deepest} levels");
+}
+
 fn lamp(paths: u32, radius: f32) -> Light {
     Light {
         aperture: Aperture::Sphere { radius },

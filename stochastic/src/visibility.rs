@@ -299,4 +299,34 @@ mod tests {
         learning.add(0, 3e9, 0.0);
         assert!(learning.samples()[0].0 < MOST && learning.samples()[0].1 >= 0.0);
     }
+
+    /// A node that is seen one time in four is weighed half as much, by the root of the mean square.
+    #[test]
+    fn factors_are_roots_of_mean_squares() {
+        let mut learning = NodeLearning::default();
+        let mut factors = Vec::new();
+        learning.begin(2);
+        for pass in 0..20_000 {
+            (0..2).for_each(|node| learning.drawn(node));
+            learning.gave(0, 3.0);
+            if pass % 4 == 0 {
+                learning.gave(1, 3.0);
+            }
+        }
+        learning.factors(&mut factors);
+        assert!((factors[1] / factors[0] - 0.5).abs() < 1e-3, "{factors:?}");
+    }
+
+    /// A ratio whose square is beyond f32 makes its node weigh more, and does not undo what all others told.
+    #[test]
+    fn an_outlier_undoes_nothing() {
+        let mut learning = NodeLearning::default();
+        let mut factors = Vec::new();
+        learning.begin(2);
+        (0..2).for_each(|node| learning.drawn(node));
+        learning.gave(0, 1e30);
+        learning.gave(1, 1.0);
+        learning.factors(&mut factors);
+        assert!(factors.len() == 2 && factors.iter().all(|&f| f > 0.0 && f < f32::INFINITY), "{factors:?}");
+    }
 }

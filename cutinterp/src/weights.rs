@@ -73,6 +73,22 @@ impl WeightParams {
         }
     }
 
+    /// The same with a largest radius of no more than `share` of the picture's shorter side, but never below
+    /// the least radius.
+    ///
+    /// Shadows are as large as the things that cast them, however few pixels the picture has: fifteen pixels
+    /// are a fiftieth of the paper's picture and a quarter of a thumbnail, whose balls have no shadows then.
+    /// [`PICTURE_SHARE`](Self::PICTURE_SHARE) leaves the paper's radius alone from 500 pixels on.
+    #[must_use]
+    pub fn in_picture(self, width: u32, height: u32, share: f32) -> Self {
+        let largest = (share * width.min(height) as f32).max(self.r_min);
+        // `min` takes the number of the two.
+        Self { r_max: self.r_max.min(largest), ..self }
+    }
+
+    /// The share of a picture's shorter side that a radius may have, see [`in_picture`](Self::in_picture).
+    pub const PICTURE_SHARE: f32 = 0.03;
+
     /// Names the first field whose value is out of its range.
     ///
     /// # Errors

@@ -92,6 +92,19 @@ fn best(candidates: &[(u32, f32)]) -> Option<Selection> {
     Selection::best(candidates.iter().copied(), 1e-3)
 }
 
+/// What fifteen pixels are depends on how many the picture has.
+#[test]
+fn small_pictures_have_small_records() {
+    let params = WeightParams::paper();
+    let largest = |width, height| params.in_picture(width, height, WeightParams::PICTURE_SHARE).r_max;
+    assert_eq!((largest(1024, 1024), largest(800, 512)), (params.r_max, params.r_max));
+    assert!((largest(480, 270) - 8.1).abs() < 1e-4 && (largest(270, 480) - 8.1).abs() < 1e-4);
+    assert_eq!((largest(96, 64), largest(0, 0)), (params.r_min, params.r_min));
+    assert_eq!(params.in_picture(96, 64, f32::INFINITY), params);
+    assert_eq!(params.in_picture(96, 64, f32::NAN).r_max, params.r_min);
+    assert!(params.in_picture(1, 1, 0.03).check().is_ok());
+}
+
 #[test]
 fn degenerate_sets_of_weights_are_defined() {
     assert_eq!(best(&[]), None);

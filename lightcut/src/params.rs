@@ -21,7 +21,8 @@ pub struct LightcutParams {
     /// Virtual point lights have no near limit: their transfer goes with 1/d². This is the most that a light
     /// of intensity 1 may transfer, in sr⁻¹ times the inverse square of the scene's length unit; infinite
     /// (the default): no clamp. A clamp is a bias: light is lost near walls and in corners.
-    /// [`Lit::clamped`](crate::Lit::clamped) counts it.
+    /// [`Lit::clamped`](crate::Lit::clamped) counts it, [`Lit::infinite`](crate::Lit::infinite) what has no
+    /// number.
     pub clamp: f32,
 }
 

@@ -31,6 +31,12 @@ impl Estimate {
         luminance(self.radiance)
     }
 
+    /// Luminance of the same without shadows, in the same unit: 0 where the receiver gets nothing from the
+    /// light that speaks for the node, whatever stands between them.
+    pub fn unoccluded(&self) -> f32 {
+        self.unoccluded
+    }
+
     /// The light that speaks for the node.
     pub fn light(&self) -> LightId {
         self.light
@@ -64,6 +70,7 @@ pub(crate) struct Totals {
     unoccluded: f64,
     pub(crate) entered: u32,
     pub(crate) transfers: u32,
+    pub(crate) infinite: u32,
 }
 
 impl<T, R, B, F> Policy<'_, T, R, B, F>
@@ -81,11 +88,29 @@ where
         if largest <= self.params.clamp || largest.is_nan() {
             return Transfer { unoccluded, arrived, lost };
         }
+        if largest == f32::INFINITY {
+            return self.keep_finite(unoccluded, arrived, lost);
+        }
         let kept = self.params.clamp / largest;
         Transfer {
             unoccluded: unoccluded * kept,
             arrived: arrived * kept,
             lost: lost + arrived * (1.0 - kept),
+        }
+    }
+
+    /// A light on the very receiver, as far as a clamp leaves a number of it: colours have no ratio there, so
+    /// that each channel is clamped by itself. What is lost is beyond all numbers, and is counted instead.
+    fn keep_finite(&mut self, unoccluded: Vec3, arrived: Vec3, lost: Vec3) -> Transfer {
+        self.totals.infinite += 1;
+        let clamp = self.params.clamp;
+        // What is no number stays none: that is for the host to find.
+        let keep = |x: f32| if x > clamp { clamp } else { x };
+        let finite = |x: f32| if x == f32::INFINITY { 0.0 } else { x };
+        Transfer {
+            unoccluded: unoccluded.map(keep),
+            arrived: arrived.map(keep),
+            lost: lost.map(finite) + arrived.map(|x| finite(x - keep(x))),
         }
     }
 

@@ -48,6 +48,9 @@ pub struct Lit {
     pub visited: u32,
     /// Lights whose transfer was asked for, and so shadow rays at most.
     pub transfers: u32,
+    /// Transfers that were infinite and were clamped all the same ([`LightcutParams::clamp`]), channel by
+    /// channel: their lights are on the very receiver. What the clamp took of them is not in `clamped`.
+    pub infinite: u32,
     /// The node limit stopped the refinement before the threshold did.
     pub capped: bool,
 }
@@ -96,11 +99,13 @@ impl<T: LightHierarchy> Lightcut<'_, T> {
             nodes: scratch.0.unordered().len() as u32,
             visited: totals.entered,
             transfers: totals.transfers,
+            infinite: totals.infinite,
             capped: worst > tolerance,
         }
     }
 
     /// The cut itself, left to right, for methods that go on from it; [`shade`](Self::shade) without the sum.
+    /// Returns how many transfers were infinite and were clamped, see [`Lit::infinite`].
     pub fn cut<R: ?Sized, B: NodeBound<R>>(
         &self,
         receiver: &R,
@@ -108,9 +113,10 @@ impl<T: LightHierarchy> Lightcut<'_, T> {
         transfer: impl FnMut(LightId) -> Transfer,
         scratch: &mut Scratch,
         cut: &mut Cut<Estimate>,
-    ) {
-        self.refine(receiver, bound, transfer, &mut scratch.0);
+    ) -> u32 {
+        let (totals, _) = self.refine(receiver, bound, transfer, &mut scratch.0);
         scratch.0.drain_into(&self.tree, cut);
+        totals.infinite
     }
 
     fn refine<R: ?Sized, B: NodeBound<R>>(

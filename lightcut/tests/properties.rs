@@ -238,6 +238,44 @@ fn what_the_host_clamps_is_counted() {
     }
 }
 
+/// A light on the receiver itself transfers more than any number: a clamp makes it one, and says so.
+#[test]
+fn an_infinite_transfer_is_clamped_and_counted() {
+    let lamps = Lamps(vec![(Vec3::ZERO, Vec3::ONE), (Vec3::Y, Vec3::ONE)]);
+    let tree = LightTree::build(&lamps.bounds(), &BuildParams::default()).unwrap();
+    let representatives =
+        Representatives::choose(&tree, Choice::Random { seed: 7 }, |l| lamps.0[l.0 as usize].1).unwrap();
+    let receiver = floor_at(Vec3::ZERO);
+    let far = Vec3::new(0.25, 0.5, 0.125);
+    for (near, arrived, kept, lost) in [
+        (Vec3::INFINITY, Vec3::INFINITY, Vec3::splat(2.0), Vec3::ZERO),
+        (Vec3::INFINITY, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO),
+        (
+            Vec3::new(f32::INFINITY, 3.0, 0.0),
+            Vec3::new(f32::INFINITY, 3.0, 0.0),
+            Vec3::new(2.0, 2.0, 0.0),
+            Vec3::Y,
+        ),
+    ] {
+        let transfer = |l: LightId| match l.0 {
+            0 => Transfer { unoccluded: near, arrived, lost: Vec3::ZERO },
+            _ => Transfer::new(far, 1.0),
+        };
+        let params = LightcutParams { clamp: 2.0, ..LightcutParams::with_threshold(0.0) };
+        let lightcut = Lightcut { tree: &tree, representatives: &representatives, params };
+        let lit = lightcut.shade(&receiver, &GeometricBound, transfer, &mut Scratch::default());
+        assert_eq!((lit.radiance, lit.clamped, lit.infinite), (kept + far, lost, 1), "{near}");
+        let mut cut = Cut::default();
+        let infinite = lightcut.cut(&receiver, &GeometricBound, transfer, &mut Scratch::default(), &mut cut);
+        assert_eq!((infinite, cut.len()), (1, 2));
+
+        // Without a clamp it is the host's to find.
+        let lightcut = Lightcut { params: LightcutParams::with_threshold(0.0), ..lightcut };
+        let lit = lightcut.shade(&receiver, &GeometricBound, transfer, &mut Scratch::default());
+        assert_eq!((lit.radiance.x.is_finite(), lit.infinite), (arrived.x == 0.0, 0));
+    }
+}
+
 #[test]
 fn intensities_near_the_end_of_f32_stay_finite() {
     let lamps = Lamps(

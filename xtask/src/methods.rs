@@ -171,11 +171,11 @@ const VISIBILITY: Key = Key {
     trades: "where shadows come from: a ray for each cluster, rays where the records disagree, or the records alone; each several times faster than the one before, and blurrier",
 };
 
-const CUTINTERP_KEYS: [Key; 21] = cutinterp_keys(VISIBILITY, "3");
-const CUTINTERP_VIS_KEYS: [Key; 21] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY }, "inf");
+const CUTINTERP_KEYS: [Key; 22] = cutinterp_keys(VISIBILITY, "3");
+const CUTINTERP_VIS_KEYS: [Key; 22] = cutinterp_keys(Key { default: "interpolated", ..VISIBILITY }, "inf");
 
 /// The dials of both names of the method.
-const fn cutinterp_keys(visibility: Key, guard: &'static str) -> [Key; 21] {
+const fn cutinterp_keys(visibility: Key, guard: &'static str) -> [Key; 22] {
     [
         visibility,
         Key {
@@ -214,6 +214,12 @@ const fn cutinterp_keys(visibility: Key, guard: &'static str) -> [Key; 21] {
             default: "15",
             range: Range::Number(0.5, 1000.0),
             trades: "largest radius of a record in pixels: larger, fewer records on open walls, and blurrier shadows",
+        },
+        Key {
+            name: "r_share",
+            default: "0.03",
+            range: Range::Number(0.0, f32::INFINITY),
+            trades: "largest radius of a record as a share of the picture's shorter side, for pictures so small that r_max is more than that: larger, fewer records in small pictures, whose small things lose their shadows",
         },
         Key {
             name: "max_angle",

@@ -453,7 +453,10 @@ impl<P: Progress> Shot<'_, P> {
     ) -> Result<Rendered, Failure> {
         self.has_pixels()?;
         let frame = self.stage.frame(self.plan, &self.prepared.lights);
-        let dials = cutinterp_params(&self.plan.settings)?;
+        let mut dials = cutinterp_params(&self.plan.settings)?;
+        let (width, height) = (self.params.width, self.params.height);
+        let share = self.plan.settings.number("r_share").unwrap_or(WeightParams::PICTURE_SHARE);
+        dials.placement.weights = dials.placement.weights.in_picture(width, height, share);
         let last = view.take();
         let Self { stage: Stage { camera, .. }, params, .. } = self;
         let method = CutInterpMethod::prepare(&frame, camera, params, lightcut, levels, dials, last.as_ref());

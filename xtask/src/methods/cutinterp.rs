@@ -104,7 +104,9 @@ impl<'a> CutInterpMethod<'a> {
         let (view, grid, counts) =
             View::take(frame, camera, render, &lightcut, levels, &params, last, &stages);
         let mut watch = Watch::start();
-        let lights = NodeLights::of(frame, &lightcut, &view.canopy, params.guard < f32::INFINITY);
+        let skips_area = asks_lights_with_area(frame) && params.show == Show::Picture;
+        let bounded = params.guard < f32::INFINITY;
+        let lights = NodeLights::of(frame, &lightcut, &view.canopy, bounded, skips_area);
         stages.add(Stage::Canopy, watch.lap_on_all_threads());
         Self { lightcut, params, view, grid, lights, width: render.width, counts, stages }
     }

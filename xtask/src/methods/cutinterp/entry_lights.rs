@@ -33,12 +33,15 @@ pub(super) struct EntryLights {
     /// Bounds of what entries may send, as luminance; empty if nobody asks. 48 bytes each.
     bounds: QuickBounds,
     plain_scale: bool,
+    /// Whether points ask lights with an area themselves, so that what these give need not be known before.
+    skips_area: bool,
 }
 
 impl EntryLights {
     /// Looks up the lights of all entries of `merged`; replaces those that were here.
     pub(super) fn look_up(&mut self, lights: &NodeLights, merged: &MergedCuts) {
         self.clear(lights.plain_scale());
+        self.skips_area = lights.skips_area();
         merged.nodes().for_each(|node| self.push(lights.at(node), lights.bounds(node)));
     }
 
@@ -75,7 +78,7 @@ impl EntryLights {
     }
 
     /// RGB light that each of the `chosen` entries gives to `point` without shadow; replaces what is in
-    /// `out`. What clamps take away is counted as far as it is seen by interpolated visibility, whatever the
+    /// `out`. Nothing for lights with an area where points ask these themselves. What clamps take away is counted as far as it is seen by interpolated visibility, whatever the
     /// mode. Places among the chosen of lights that are too near for one place on them go into `near`.
     #[expect(clippy::too_many_arguments, reason = "a point, its cut, and the memory of one thread")]
     pub(super) fn unoccluded<Q: Geometry>(
@@ -130,6 +133,9 @@ impl EntryLights {
         let clamp = frame.vpl_clamp;
         out.extend((0..).zip(chosen).map(|(index, chosen)| {
             let at = chosen.entry as usize;
+            if self.skips_area && self.kinds[at] == Kind::Area {
+                return Vec3::ZERO;
+            }
             if self.kinds[at] == Kind::Point || self.is_near(at, point) {
                 return self.one(frame, point, (index, chosen), near, counts);
             }
@@ -165,6 +171,9 @@ impl EntryLights {
         counts: &mut Counts,
     ) -> Vec3 {
         let at = chosen.entry as usize;
+        if self.skips_area && self.kinds[at] == Kind::Area {
+            return Vec3::ZERO;
+        }
         let light = (self.ids[at], self.intensity[at]);
         let (light, is_near) = super::lights::one(frame, point, light, chosen.visibility, counts);
         if is_near {
@@ -396,6 +405,7 @@ mod tests {
                 with_area: vec![],
                 bounds: QuickBounds::default(),
                 plain_scale: true,
+                skips_area: false,
             };
             entries.lanes[at / LANES].set(at % LANES, &node);
             let chosen: Vec<Chosen> = (0..11).map(|entry| Chosen { entry, visibility: 1.0 }).collect();

@@ -17,6 +17,7 @@ pub(crate) struct NodeLights {
     /// asks.
     bounds: Vec<LightBounds>,
     plain_scale: bool,
+    skips_area: bool,
 }
 
 /// A virtual point light as large as its cluster, or a light of another kind by its id.
@@ -44,18 +45,20 @@ pub(super) enum Kind {
 
 impl NodeLights {
     /// Looks up the representatives of all nodes of `canopy`, and their bounds if these will be asked for.
+    /// `skips_area`: whether points ask lights with an area themselves.
     pub(crate) fn of<Q: Geometry>(
         frame: &Frame<'_, Q>,
         method: &LightcutMethod<'_>,
         canopy: &Canopy,
         bounded: bool,
+        skips_area: bool,
     ) -> Self {
         let one = |&node: &NodeId| NodeLight::of(frame, method, node);
         let nodes: Vec<NodeLight> = canopy.all_in_tree().par_iter().map(one).collect();
         let bounds = |(&node, light): (&NodeId, &NodeLight)| light.bounds(method, node);
         let of_all = || canopy.all_in_tree().par_iter().zip(&nodes).map(bounds).collect();
         let bounds = if bounded { of_all() } else { Vec::new() };
-        Self { nodes, bounds, plain_scale: is_of_plain_scale(frame) }
+        Self { nodes, bounds, plain_scale: is_of_plain_scale(frame), skips_area }
     }
 
     /// Bounds of a node of the canopy, of luminance; `None` if nobody was to ask.
@@ -68,6 +71,11 @@ impl NodeLights {
     #[inline]
     pub(super) fn at(&self, node: NodeId) -> &NodeLight {
         &self.nodes[node.0 as usize]
+    }
+
+    /// Whether points ask lights with an area themselves.
+    pub(super) fn skips_area(&self) -> bool {
+        self.skips_area
     }
 
     /// Whether squares of distances between anything in the scene are well within f32.

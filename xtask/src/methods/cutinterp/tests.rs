@@ -1,6 +1,13 @@
 //! What must hold of pictures by interpolated cuts.
 
-use scene::{Camera, RenderParams, Rendered, Scene, SceneRays, builtin, compare};
+use std::f32::consts::PI;
+
+use glam::{Affine3A, Vec3};
+use lighttree::rng::Random;
+use scene::{
+    Camera, Instance, Light, Material, Mesh, RenderParams, Rendered, Scene, SceneRays, builtin, compare,
+    luminance,
+};
 
 use crate::methods::Method;
 use crate::settings::Settings;
@@ -8,11 +15,12 @@ use crate::shot::{Gi, Left, Plan, Stage};
 
 const SIZE: u32 = 48;
 
-/// The Cornell box by virtual lights.
+/// The Cornell box by virtual lights, or something else.
 struct Box {
     scene: Scene,
     rays: SceneRays,
     camera: Camera,
+    gi: Gi,
 }
 
 impl Box {
@@ -21,10 +29,13 @@ impl Box {
     }
 
     fn with(name: &str) -> Self {
-        let scene = builtin(name).unwrap();
+        Self::of(builtin(name).unwrap(), Gi::Vpl(3000))
+    }
+
+    fn of(scene: Scene, gi: Gi) -> Self {
         let rays = SceneRays::build(&scene).unwrap();
         let camera = scene.cameras[0].clone();
-        Self { scene, rays, camera }
+        Self { scene, rays, camera, gi }
     }
 
     fn picture(&self, method: &str, set: &[&str]) -> Rendered {
@@ -45,7 +56,7 @@ impl Box {
         let set: Vec<_> = [clamp, set].concat().into_iter().map(str::to_owned).collect();
         let settings = Settings::parse("x", &method.keys(), &set).unwrap();
         let stage = Stage { scene: &self.scene, rays: &self.rays, camera };
-        let plan = Plan { method, settings, gi: Gi::Vpl(3000), bounces: 3, seed: 1, light_seed: 1 };
+        let plan = Plan { method, settings, gi: self.gi, bounces: 3, seed: 1, light_seed: 1 };
         stage.render_after(&plan, &stage.prepare(&plan).unwrap(), params, &(), left).unwrap()
     }
 }
@@ -88,6 +99,67 @@ fn more_rays_bring_it_nearer_to_all_lights() {
     assert!(adaptive.0 < interpolated.0 && interpolated.0 < 0.05, "{full:?} {adaptive:?} {interpolated:?}");
 }
 
+/// Fifteen pixels are a quarter of a thumbnail: without a limit to that, balls on a floor have no shadows.
+#[test]
+fn small_things_keep_their_shadows_in_small_pictures() {
+    let set = Box::of(builtin("glossy:100").unwrap(), Gi::None);
+    let small = RenderParams { width: 96, height: 64, ..params() };
+    let picture =
+        |method, set_share: &[&str]| set.after(method, set_share, &small, &set.camera, &mut Left::default());
+    let brute = picture("brute", &[]);
+    let [limited, free] =
+        [&[][..], &["r_share=inf"]].map(|dials| relmse(&picture("cutinterp-vis", dials), &brute));
+    assert!(limited < 0.2 && free > 2.0 * limited, "{limited}, without a limit {free}");
+}
+
+/// One ball under lamps all around, which nothing but the ball itself hides.
+fn ball() -> Scene {
+    const RINGS: u32 = 24;
+    let mut scene = Scene::default();
+    let mut mesh = Mesh::default();
+    let columns = 2 * RINGS;
+    for (i, j) in (0..=RINGS).flat_map(|i| (0..=columns).map(move |j| (i, j))) {
+        let (theta, phi) = (PI * i as f32 / RINGS as f32, 2.0 * PI * j as f32 / columns as f32);
+        let normal = Vec3::new(theta.sin() * phi.cos(), theta.cos(), -theta.sin() * phi.sin());
+        mesh.positions.push(normal);
+        mesh.normals.push(normal);
+        if i < RINGS && j < columns {
+            let [a, below] = [0, columns + 1].map(|step| i * (columns + 1) + j + step);
+            if i > 0 {
+                mesh.triangles.push([a, below + 1, a + 1]);
+            }
+            if i + 1 < RINGS {
+                mesh.triangles.push([a, below, below + 1]);
+            }
+        }
+    }
+    scene.meshes.push(mesh);
+    scene.materials.push(Material { base_color: Vec3::splat(0.5), ..Material::default() });
+    scene.instances.push(Instance { mesh: 0, to_world: Affine3A::IDENTITY });
+    let mut random = Random::new(1, 0, 0);
+    for _ in 0..200 {
+        let mut any = || 2.0 * random.f32() - 1.0;
+        let position = 9.0 * Vec3::new(any(), any(), any()).normalize();
+        scene.lights.push(Light::Point { position, intensity: Vec3::ONE });
+    }
+    scene.cameras.push(Camera::look_at("front", 4.0 * Vec3::Z, Vec3::ZERO, Vec3::Y, 0.55));
+    scene
+}
+
+/// A record to which a lamp gives nothing, because its own surface turns away, says nothing about that lamp
+/// to neighbours that face it.
+#[test]
+fn records_do_not_hide_what_is_below_their_own_horizon() {
+    let set = Box::of(ball(), Gi::None);
+    let mean = |method, dials: &[&str]| {
+        let dials = [&["materials=diffuse", "max_angle=25", "guard=inf"], dials].concat();
+        let film = set.picture(method, &dials).film;
+        film.pixels.iter().map(|&pixel| f64::from(luminance(pixel))).sum::<f64>()
+    };
+    let (asked, interpolated) = (mean("cutinterp", &[]), mean("cutinterp-vis", &[]));
+    assert!((interpolated - asked).abs() < 0.004 * asked, "{interpolated} by records, {asked} by rays");
+}
+
 #[test]
 fn a_guard_of_nothing_asks_every_light() {
     let set = Box::new();
@@ -100,6 +172,19 @@ fn a_guard_of_nothing_asks_every_light() {
     assert!(error < 2e-4, "{error}");
     let none = picture("cutinterp", "visibility=full", "guard=inf");
     assert!(all.counts.node_visits > 2 * none.counts.node_visits);
+}
+
+/// Where the records' cuts have as many nodes as they may, a quarter of that is left for what only the point
+/// knows.
+#[test]
+fn a_guard_has_room_where_cuts_have_run_into_their_limit() {
+    let set = Box::new();
+    let brute = set.picture("brute", &[]);
+    let [asked, none] =
+        ["guard=0.5", "guard=inf"].map(|guard| set.picture("cutinterp", &[guard, "max_nodes=60"]));
+    assert!(asked.counts.shadow_rays > none.counts.shadow_rays * 11 / 10);
+    let (asked, none) = (relmse(&asked, &brute), relmse(&none, &brute));
+    assert!(asked < 0.9 * none, "{asked} with a guard, {none} without");
 }
 
 #[test]
@@ -123,7 +208,7 @@ fn lights_near_by_are_asked_by_the_point_itself() {
     let mean = lightcut.film.pixels.iter().map(|p| p.max_element()).sum::<f32>() / (SIZE * SIZE) as f32;
     for dials in [["visibility=full", "guard=inf"], ["visibility=full", "guard=2"]] {
         let picture = set.picture("cutinterp", &dials);
-        let off = |(a, b): (&glam::Vec3, &glam::Vec3)| (*a - *b).abs().max_element();
+        let off = |(a, b): (&Vec3, &Vec3)| (*a - *b).abs().max_element();
         let worst = picture.film.pixels.iter().zip(&lightcut.film.pixels).map(off).fold(0.0, f32::max);
         assert!(worst < 0.2 * mean, "{dials:?}: off by {worst}, where the mean is {mean}");
     }
@@ -157,7 +242,7 @@ fn a_view_keeps_the_records_whose_places_are_still_seen() {
     assert!(relmse(&second, &first) < 1e-4);
 
     // Ten degrees further round, most are.
-    let turned = set.camera.turned_about(glam::Vec3::ZERO, glam::Vec3::Y, 0.17);
+    let turned = set.camera.turned_about(Vec3::ZERO, Vec3::Y, 0.17);
     let third = set.after("cutinterp-vis", &[], &params(), &turned, &mut left);
     let kept = left.view.as_ref().unwrap().kept;
     assert!(kept > records / 4 && kept < records * 21 / 20, "{kept} of {records}");
@@ -196,7 +281,7 @@ fn threads_and_parts_of_pictures_do_not_show() {
 
 #[test]
 fn asks_are_sorted_by_light_and_stay_in_their_order() {
-    let mut random = lighttree::rng::Random::new(1, 2, 3);
+    let mut random = Random::new(1, 2, 3);
     for count in [0, 1, 2, 5000] {
         for mask in [0, 7, 0xf_ffff, u32::MAX] {
             let mut keys: Vec<u64> =

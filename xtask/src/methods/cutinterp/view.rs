@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use cutinterp::{Canopy, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records, Site};
+use glam::Vec3;
 use lightcut::Estimate;
 use lighttree::rng::Random;
 use lighttree::{LightId, NodeId};
@@ -12,7 +13,7 @@ use scene::{BruteForce, Camera, Counts, Frame, Geometry, Purpose, RenderParams, 
 use super::super::lightcut::LightcutMethod;
 use super::super::view::{CutScratch, albedo, seen_points};
 use super::stages::{Stage, Stages, Watch};
-use super::{CELL, CutInterpParams};
+use super::{CELL, CutInterpParams, lights};
 
 /// Rays for a record's harmonic mean distance.
 const GATHER_RAYS: u32 = 16;
@@ -81,7 +82,7 @@ impl View {
         let point_of = |placed: &Placed| seen[placed.pixel as usize].as_ref().expect("records are at points");
         let mut cuts: Vec<ExactCut> =
             last.map_or_else(Vec::new, |last| old.iter().map(|&id| last.again(id)).collect());
-        cuts.extend(exact_cuts(frame, lightcut, &placed[kept..], point_of));
+        cuts.extend(exact_cuts(frame, lightcut, &placed[kept..], weights.cos_max_angle, point_of));
         stages.add(Stage::Records, watch.lap_on_all_threads());
 
         // Where neighbours disagree, shrink them, and fill the gaps.
@@ -102,7 +103,7 @@ impl View {
             };
             let more = cutinterp::place(&params.placement, &image, all, Q::Scratch::default, near);
             stages.add(Stage::Placement, watch.lap_on_all_threads());
-            cuts.extend(exact_cuts(frame, lightcut, &more, point_of));
+            cuts.extend(exact_cuts(frame, lightcut, &more, weights.cos_max_angle, point_of));
             placed.extend(more);
             stages.add(Stage::Records, watch.lap_on_all_threads());
         }
@@ -194,8 +195,10 @@ fn exact_cuts<'p, Q: Geometry>(
     frame: &Frame<'_, Q>,
     method: &LightcutMethod<'_>,
     placed: &[Placed],
+    cos_max_angle: f32,
     point_of: impl Fn(&Placed) -> &'p ShadingPoint + Sync,
 ) -> Vec<ExactCut> {
+    let max_sine = (1.0 - cos_max_angle.max(0.0).powi(2)).sqrt();
     // Lights with an area come before the virtual ones: no look at each of a million.
     let last_area = frame.lights.iter().rposition(|light| !light.is_point());
     let few = asks_lights_with_area(frame);
@@ -208,13 +211,31 @@ fn exact_cuts<'p, Q: Geometry>(
     let one = |scratch: &mut CutScratch<Q>, placed: &Placed| {
         let point = point_of(placed);
         let (cut, counts) = scratch.exact_cut(frame, method, point);
-        let nodes =
-            cut.iter().map(|(node, by)| (node, by.seen() >= 0.5 || is_asked(point, by.light()))).collect();
+        let seen = |by: &Estimate| {
+            by.seen() >= 0.5
+                || is_asked(point, by.light())
+                || by.unoccluded() == 0.0 && is_for_others_to_say(frame, point, by.light(), max_sine)
+        };
+        let nodes = cut.iter().map(|(node, by)| (node, seen(by))).collect();
         let lit: f64 = cut.values().iter().map(Estimate::luminance).sum();
         let brightness = lit as f32 * method.representatives.scale() / albedo(point);
         ExactCut { nodes, brightness, counts }
     };
     placed.par_iter().map_init(CutScratch::default, one).collect()
+}
+
+/// Whether a record to which a light gives nothing had better not speak of its shadow: a point that turns
+/// from the record by no more than an angle of sine `max_sine` may have the light above its horizon. Most of
+/// these are on something round, where nothing but the surface itself was between the two: it counts as seen.
+fn is_for_others_to_say<Q: Geometry>(
+    frame: &Frame<'_, Q>,
+    point: &ShadingPoint,
+    id: LightId,
+    max_sine: f32,
+) -> bool {
+    let (at, ..) = lights::placed(frame, point, id);
+    let Some((direction, _)) = at.from(point.position) else { return false };
+    point.normal.dot(direction) > -max_sine && at.intensity_toward(-direction) != Vec3::ZERO
 }
 
 /// Halves the radius of records that disagree with a neighbour, and says which these are.

@@ -2,7 +2,9 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use cutinterp::{Canopy, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records, Site};
+use cutinterp::{
+    Canopy, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records, Site, WeightParams,
+};
 use glam::Vec3;
 use lightcut::Estimate;
 use lighttree::rng::Random;
@@ -80,9 +82,10 @@ impl View {
         placed.extend(cutinterp::place(&params.placement, &image, &placed, Q::Scratch::default, gather));
         stages.add(Stage::Placement, watch.lap_on_all_threads());
         let point_of = |placed: &Placed| seen[placed.pixel as usize].as_ref().expect("records are at points");
+        let turns = |placed: &Placed| turn(&image, weights, placed);
         let mut cuts: Vec<ExactCut> =
             last.map_or_else(Vec::new, |last| old.iter().map(|&id| last.again(id)).collect());
-        cuts.extend(exact_cuts(frame, lightcut, &placed[kept..], weights.cos_max_angle, point_of));
+        cuts.extend(exact_cuts(frame, lightcut, &placed[kept..], point_of, turns));
         stages.add(Stage::Records, watch.lap_on_all_threads());
 
         // Where neighbours disagree, shrink them, and fill the gaps.
@@ -103,7 +106,7 @@ impl View {
             };
             let more = cutinterp::place(&params.placement, &image, all, Q::Scratch::default, near);
             stages.add(Stage::Placement, watch.lap_on_all_threads());
-            cuts.extend(exact_cuts(frame, lightcut, &more, weights.cos_max_angle, point_of));
+            cuts.extend(exact_cuts(frame, lightcut, &more, point_of, turns));
             placed.extend(more);
             stages.add(Stage::Records, watch.lap_on_all_threads());
         }
@@ -195,10 +198,9 @@ fn exact_cuts<'p, Q: Geometry>(
     frame: &Frame<'_, Q>,
     method: &LightcutMethod<'_>,
     placed: &[Placed],
-    cos_max_angle: f32,
     point_of: impl Fn(&Placed) -> &'p ShadingPoint + Sync,
+    turns: impl Fn(&Placed) -> f32 + Sync,
 ) -> Vec<ExactCut> {
-    let max_sine = (1.0 - cos_max_angle.max(0.0).powi(2)).sqrt();
     // Lights with an area come before the virtual ones: no look at each of a million.
     let last_area = frame.lights.iter().rposition(|light| !light.is_point());
     let few = asks_lights_with_area(frame);
@@ -209,12 +211,12 @@ fn exact_cuts<'p, Q: Geometry>(
         has_area && (few || light.toward(point.position).points() > 1)
     };
     let one = |scratch: &mut CutScratch<Q>, placed: &Placed| {
-        let point = point_of(placed);
+        let (point, turn) = (point_of(placed), turns(placed));
         let (cut, counts) = scratch.exact_cut(frame, method, point);
         let seen = |by: &Estimate| {
             by.seen() >= 0.5
                 || is_asked(point, by.light())
-                || by.unoccluded() == 0.0 && is_for_others_to_say(frame, point, by.light(), max_sine)
+                || by.unoccluded() == 0.0 && is_for_others_to_say(frame, point, by.light(), turn)
         };
         let nodes = cut.iter().map(|(node, by)| (node, seen(by))).collect();
         let lit: f64 = cut.values().iter().map(Estimate::luminance).sum();
@@ -224,18 +226,40 @@ fn exact_cuts<'p, Q: Geometry>(
     placed.par_iter().map_init(CutScratch::default, one).collect()
 }
 
+/// Sine of the angle by which points that use a record may turn from it: as far as its neighbours in the
+/// picture say that the surface turns within its radius, 0 on a flat wall.
+fn turn(image: &PointImage<'_>, weights: &WeightParams, placed: &Placed) -> f32 {
+    let Some(point) = &image.points[placed.pixel as usize] else { return 0.0 };
+    let (x, y) = (placed.pixel % image.width, placed.pixel / image.width);
+    let beside = [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)];
+    let inside = beside.into_iter().filter(|&(x, y)| x < image.width && y < image.height());
+    let largest = inside
+        .filter_map(|(x, y)| image.points[(y * image.width + x) as usize].as_ref())
+        .filter(|other| other.position.distance(point.position) <= placed.radius)
+        .map(|other| {
+            if other.normal.dot(placed.normal) > 0.0 {
+                other.normal.cross(placed.normal).length()
+            } else {
+                1.0
+            }
+        })
+        .fold(0.0, f32::max);
+    let most = (1.0 - weights.cos_max_angle.max(0.0).powi(2)).sqrt();
+    (largest * placed.radius / point.spacing).min(most)
+}
+
 /// Whether a record to which a light gives nothing had better not speak of its shadow: a point that turns
-/// from the record by no more than an angle of sine `max_sine` may have the light above its horizon. Most of
-/// these are on something round, where nothing but the surface itself was between the two: it counts as seen.
+/// from the record by an angle of sine `turn` may have the light above its horizon. Most of these are on
+/// something round, where nothing but the surface itself was between the two: it counts as seen.
 fn is_for_others_to_say<Q: Geometry>(
     frame: &Frame<'_, Q>,
     point: &ShadingPoint,
     id: LightId,
-    max_sine: f32,
+    turn: f32,
 ) -> bool {
     let (at, ..) = lights::placed(frame, point, id);
     let Some((direction, _)) = at.from(point.position) else { return false };
-    point.normal.dot(direction) > -max_sine && at.intensity_toward(-direction) != Vec3::ZERO
+    point.normal.dot(direction) > -turn && at.intensity_toward(-direction) != Vec3::ZERO
 }
 
 /// Halves the radius of records that disagree with a neighbour, and says which these are.

@@ -200,7 +200,8 @@ pub fn place<L>(
         tile.serve(kept, |pixel, reach| gather(local, pixel, reach));
         // Neighbours one after the other: their cuts look at the same nodes and meet the same shadows.
         tile.placed.sort_unstable_by_key(|placed| {
-            (morton(placed.pixel % image.width, placed.pixel / image.width), placed.pixel)
+            let (x, y) = (placed.pixel % image.width, placed.pixel / image.width);
+            (lighttree::spread_21(x) | lighttree::spread_21(y) << 1, placed.pixel)
         });
         tile.placed
     };
@@ -216,16 +217,6 @@ pub fn place<L>(
         (0..columns * rows).map(|at| tile((at, &mut kept))).collect()
     };
     tiles.concat()
-}
-
-/// Bits of column and row in turns: what is near by this number is near in the picture.
-fn morton(x: u32, y: u32) -> u64 {
-    let spread = |x: u32| {
-        let steps = [(16, 0x0000_ffff_0000_ffff), (8, 0x00ff_00ff_00ff_00ff), (4, 0x0f0f_0f0f_0f0f_0f0f)];
-        let steps = steps.into_iter().chain([(2, 0x3333_3333_3333_3333), (1, 0x5555_5555_5555_5555)]);
-        steps.fold(u64::from(x), |x, (shift, mask)| (x | x << shift) & mask)
-    };
-    spread(x) | spread(y) << 1
 }
 
 /// Memory of one thread.

@@ -199,6 +199,15 @@ fn a_guard_without_rays_takes_visibility_from_above() {
     assert!(asked < 1.1 * none, "{asked} with a guard, {none} without");
 }
 
+/// Where lamps with an area are few, no record leaves them out: shadows are sharp, and as bright as they are.
+#[test]
+fn few_lamps_are_asked_by_every_point() {
+    let set = Box::of(builtin("cornell").unwrap(), Gi::None);
+    let [interpolated, brute] = ["cutinterp-vis", "brute"].map(|method| set.picture(method, &[]));
+    let error = relmse(&interpolated, &brute);
+    assert!(error < 1e-6, "{error}");
+}
+
 /// One place on a triangle that fills a part of the sky says little: without more of them single pixels are
 /// off by as much as they have.
 #[test]

@@ -26,9 +26,8 @@ pub struct Metric {
 
 impl Metric {
     /// `alpha` weighs places against normals, dimensionless; the paper's range is 0.1 to 0.5. `scene_radius`
-    /// is that of a sphere around the scene, in its length unit. Distances are taken in f32, and their
-    /// squares have to be normal numbers: with positions beyond 1e18, or in a scene smaller than 1e-18,
-    /// places are not told apart.
+    /// is that of a sphere around the scene, in its length unit, whatever that is: distances count in radii
+    /// before they are squared. (Differences of positions and α ÷ radius have to be normal f32.)
     ///
     /// # Errors
     /// [`BadAlpha`](ClusterError::BadAlpha), [`BadRadius`](ClusterError::BadRadius).
@@ -46,7 +45,7 @@ impl Metric {
     /// ε between two points.
     #[inline]
     pub fn between(&self, a: &OrientedPoint, b: &OrientedPoint) -> f32 {
-        self.per_length * a.position.distance(b.position) + a.normal.distance(b.normal)
+        (self.per_length * (a.position - b.position)).length() + a.normal.distance(b.normal)
     }
 
     /// Coordinates in six dimensions whose Euclidean distance is from ε/√2 to ε.

@@ -86,6 +86,23 @@ proptest! {
             assert_partition(&after, &next, &metric);
         }
     }
+
+    /// A scene has no unit of length. Powers of two from 1e-30 to 1e30, so that nothing is rounded otherwise.
+    #[test]
+    fn scales_do_not_show(size in 100usize..300, count in 2u32..60, seed in 0u32..1000, exponent in -100i32..=100) {
+        let points = points(size, seed);
+        let scale = 2.0f32.powi(exponent);
+        let scaled: Vec<_> =
+            points.iter().map(|p| OrientedPoint { position: scale * p.position, normal: p.normal }).collect();
+        let params = ClusterParams { seed, ..ClusterParams::with_count(count) };
+        let of = |points: &[_], radius| {
+            cluster(points, Seeding::Octree, &Metric::new(0.3, radius).unwrap(), &params).unwrap()
+        };
+        let (plain, large) = (of(&points, 1.0), of(&scaled, scale));
+        prop_assert_eq!(plain.cluster_of(), large.cluster_of());
+        prop_assert_eq!(plain.errors(), large.errors());
+        prop_assert!(plain.errors().iter().any(|&error| error > 0.0));
+    }
 }
 
 #[test]

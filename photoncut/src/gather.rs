@@ -68,6 +68,8 @@ pub struct GatherSample {
     pub rotation: [Vec3; 3],
     /// How it changes as the point moves within the surface, per length unit, channel by channel.
     pub translation: [Vec3; 3],
+    /// Rays that it is from: what it is worth beside others.
+    pub rays: u32,
 }
 
 /// Memory of a gather, reused from point to point.
@@ -84,7 +86,7 @@ impl GatherScratch {
     /// nothing is very far away.
     pub fn met(&self, position: Vec3) -> impl ExactSizeIterator<Item = Met> + '_ {
         self.rays.iter().map(move |ray| {
-            let far = ray.found.distance.min(1e15);
+            let far = ray.found.distance.min(0.1 * f32::MAX);
             Met { position: position + far * ray.direction, radiance: ray.found.radiance.element_sum() / 3.0 }
         })
     }
@@ -149,14 +151,15 @@ pub fn gather(
         add_harmonics(scratch, sh);
     }
     let (rotation, translation) = gradients(scratch, x, y);
-    let rays = f64::from(rays);
+    let count = f64::from(rays);
     GatherSample {
         position,
         normal,
-        irradiance: (sum * (core::f64::consts::PI / rays)).as_vec3(),
-        mean_distance: (rays / inverse_distance) as f32,
+        irradiance: (sum * (core::f64::consts::PI / count)).as_vec3(),
+        mean_distance: (count / inverse_distance) as f32,
         rotation,
         translation,
+        rays,
     }
 }
 

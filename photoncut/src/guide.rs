@@ -32,11 +32,11 @@ pub struct Met {
 
 /// A density of directions over the hemisphere of a normal, constant in each cell of a grid in the square of
 /// sin² θ and φ ÷ 2π, in which the cosine is even. Exact: what [`draw`](Self::draw) returns is drawn with
-/// just the density that it names. 3.2 kB; used again from point to point, it allocates nothing.
+/// just the density that it names. 5.3 kB; used again from point to point, it allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Guide {
     /// Σ L² and rays of each cell, then their blurred sums.
-    cells: [[f32; 2]; CELLS],
+    cells: [[f64; 2]; CELLS],
     /// Where rows end: from 0 to 1.
     rows: [f32; SIDE + 1],
     /// Where cells of each row end: each from 0 to 1.
@@ -53,19 +53,19 @@ impl Default for Guide {
 
 impl Guide {
     /// Directions from `position`, over the hemisphere of the unit `normal`, in which light was met. What
-    /// lies below, or is no number, is left out; nothing met, or nothing but darkness: the cosine alone. So
-    /// it is, too, where squares of radiance leave f32, beyond some 10¹⁸ and below 10⁻¹⁸ W·m⁻²·sr⁻¹: more
-    /// noise, and no bias.
+    /// lies below, or is no number, is left out; nothing met, or nothing but darkness: the cosine alone. Squares
+    /// are taken in f64, so neither the unit of length nor that of radiance shows.
     pub fn toward(&mut self, position: Vec3, normal: Vec3, met: impl IntoIterator<Item = Met>) {
         self.cells.fill([0.0; 2]);
         let (x, y) = normal.any_orthonormal_pair();
         for Met { position: end, radiance } in met {
-            let direction = (end - position).normalize_or_zero();
+            let way = end.as_dvec3() - position.as_dvec3();
+            let direction = (way / way.length()).as_vec3();
             if direction.dot(normal) > 0.0 && radiance.is_finite() {
                 let (a, b) = (direction.dot(x), direction.dot(y));
                 let turn = b.atan2(a) / TAU;
                 let cell = &mut self.cells[cell([a * a + b * b, if turn < 0.0 { turn + 1.0 } else { turn }])];
-                cell[0] += radiance * radiance;
+                cell[0] += f64::from(radiance).powi(2);
                 cell[1] += 1.0;
             }
         }
@@ -75,7 +75,7 @@ impl Guide {
 
     /// A kernel of 1 2 1 either way: around, where φ begins again, and up to the edges of sin² θ.
     fn blur(&mut self) {
-        let at = |cells: &[[f32; 2]; CELLS], row: usize, column: usize| cells[row * SIDE + column % SIDE];
+        let at = |cells: &[[f64; 2]; CELLS], row: usize, column: usize| cells[row * SIDE + column % SIDE];
         let mut around = [[0.0; 2]; CELLS];
         for (i, out) in around.iter_mut().enumerate() {
             let (row, column) = (i / SIDE, i % SIDE);
@@ -95,15 +95,15 @@ impl Guide {
         // Where no ray went, what the mean cell has.
         let (light, rays) = self.cells.iter().fold((0.0, 0.0), |sum, c| (sum.0 + c[0], sum.1 + c[1]));
         let elsewhere = if rays > 0.0 { (light / rays).sqrt() } else { 0.0 };
-        let weight = |[light, rays]: [f32; 2]| if rays > 0.0 { (light / rays).sqrt() } else { elsewhere };
-        let sum: f32 = self.cells.iter().map(|&cell| weight(cell)).sum();
-        if !sum.is_normal() {
+        let weight = |[light, rays]: [f64; 2]| if rays > 0.0 { (light / rays).sqrt() } else { elsewhere };
+        let sum: f64 = self.cells.iter().map(|&cell| weight(cell)).sum();
+        if !(sum > 0.0 && sum.is_finite()) {
             *self = Self::default();
             return;
         }
         let even = (1.0 - SHARE) / CELLS as f32;
         let probability =
-            |row: usize, column: usize| even + SHARE * (weight(self.cells[row * SIDE + column]) / sum);
+            |row: usize, column: usize| even + SHARE * (weight(self.cells[row * SIDE + column]) / sum) as f32;
         let mut total = 0.0;
         let mut ends = [0.0; SIDE + 1];
         for row in 0..SIDE {
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn memory_is_as_stated() {
-        assert_eq!((size_of::<Guide>(), size_of::<Met>()), (3204, 16));
+        assert_eq!((size_of::<Guide>(), size_of::<Met>()), (5256, 16));
     }
 
     /// Its density is 1 in all, is what is drawn, and has its floor.
@@ -242,12 +242,40 @@ mod tests {
         }
     }
 
+    /// Neither the unit of length nor that of radiance shows.
+    #[test]
+    fn scales_do_not_show() {
+        let mut random = Random::new(9, 0, 0);
+        let met: Vec<Met> = (0..300)
+            .map(|_| {
+                let position = Vec3::new(random.f32() - 0.5, random.f32() - 0.5, random.f32());
+                Met { position, radiance: random.f32().powi(6) }
+            })
+            .collect();
+        let with = |length: f32, light: f32| {
+            let mut guide = Guide::default();
+            let scaled = |m: &Met| Met { position: length * m.position, radiance: light * m.radiance };
+            guide.toward(length * Vec3::new(0.1, 0.0, -0.2), Vec3::Z, met.iter().map(scaled));
+            guide
+        };
+        let plain = with(1.0, 1.0);
+        assert!(plain.density([0.5, 0.5]) != 1.0);
+        // Powers of two from 1e-30 to 1e30, so that nothing is rounded otherwise.
+        for exponent in (-100..=100).step_by(10) {
+            let scale = 2.0f32.powi(exponent);
+            for (length, light) in [(scale, 1.0), (1.0, scale), (scale, scale)] {
+                let guide = with(length, light);
+                assert_eq!((guide.rows, guide.columns), (plain.rows, plain.columns), "{length} and {light}");
+            }
+        }
+    }
+
     /// Nothing to go by: the cosine.
     #[test]
     fn without_light_it_is_the_cosine() {
         let mut guide = window(Vec3::ZERO, Vec3::Z);
         let met = |radiance| Met { position: Vec3::Z, radiance };
-        for given in [vec![], vec![met(0.0)], vec![met(f32::NAN)], vec![met(f32::MAX)], vec![met(1e-30)]] {
+        for given in [vec![], vec![met(0.0)], vec![met(f32::NAN)], vec![met(f32::INFINITY)]] {
             guide.toward(Vec3::ZERO, Vec3::Z, given.clone());
             let ([u, v], density) = guide.draw([0.3, 0.7]);
             assert!(density == 1.0 && (u - 0.3).abs() + (v - 0.7).abs() < 1e-6, "{given:?}");

@@ -75,6 +75,6 @@ pub use guide::{Guide, Met, SHARE as GUIDED_SHARE};
 pub use lookup::LookupScratch;
 pub use nearest::{Facing, PhotonScratch};
 pub use photon::Photon;
-pub use samples::{InterpolationParams, IrradianceSamples, Place, SampleScratch, Share};
+pub use samples::{Foretold, InterpolationParams, IrradianceSamples, Place, SampleScratch, Share};
 pub use sh::RadianceSh;
 pub use tree::PhotonMap;

@@ -1,13 +1,15 @@
 //! Irradiance at every point, out of samples at few.
 //!
-//! Ward, Rubinstein and Clear 1988: the mean of nearby samples with weights 1/e, e = |x - s| ÷ R + |n - nₛ|,
+//! Ward, Rubinstein and Clear 1988: the mean of nearby samples by their errors e = |x - s| ÷ R + |n - nₛ|,
 //! R the harmonic mean of the distances that the sample's rays went; as Wang et al. 2009 have it. Differs
 //! from both: what a sample is off along its normal counts more ([`planes`](InterpolationParams::planes)); R
 //! is no larger than that of the place that asks, where that is known ([`Place::mean_distance`]); and there
-//! is no radius beyond which a sample ends. The samples of least e are taken, and the weight of the next one
-//! after them is subtracted from all: a sample comes and goes with weight zero, so the result is continuous
-//! wherever samples are, and never undefined. Gradients are limited: those of Ward and Heckbert 1992 have no
-//! bound.
+//! is no radius beyond which a sample ends. A sample is off by its own noise, too
+//! ([`noise`](InterpolationParams::noise)): weights are 1/(e² + noise²/rays) for two independent errors, where
+//! Ward's 1/e shows the noise of a sample at its place in full. The samples of least error are taken, and the
+//! weight of the next one after them is subtracted from all: a sample comes and goes with weight zero, so the
+//! result is continuous wherever samples are, and never undefined. Gradients are limited: those of Ward and
+//! Heckbert 1992 have no bound.
 //!
 //! Křivánek et al., "Making Radiance and Irradiance Caching Practical", 2006, section 3: no sample's R is
 //! larger than a neighbour's plus the distance between them, on request.
@@ -31,6 +33,9 @@ pub struct InterpolationParams {
     /// what is less, or NaN, counts as 0) to a million. A shelf above a point is near it and faces the same
     /// way, and sees other light; Ward 1988 leaves out what lies behind, which is not continuous.
     pub planes: f32,
+    /// What the noise of a single ray counts as in e, at least 0 (what is less, or NaN, counts as 0): that of a
+    /// sample is this over the square root of its rays. 0: samples are exact, and speak alone where they are.
+    pub noise: f32,
     /// Least R, in the scene's length unit; at least 0.
     pub min_distance: f32,
     /// Largest R, in the scene's length unit: that of samples whose rays hit nothing, too.
@@ -38,17 +43,25 @@ pub struct InterpolationParams {
 }
 
 impl InterpolationParams {
-    /// Four neighbours, neighbour clamping, no gradients; planes count 8 times; R from a thousandth of the
-    /// scene's radius to all of it.
+    /// Eight neighbours, neighbour clamping, no gradients; planes count 8 times, and a ray's noise as an e of 3;
+    /// R from a thousandth of the scene's radius to all of it.
     pub const fn new(scene_radius: f32) -> Self {
         Self {
-            neighbours: 4,
+            neighbours: 8,
             gradients: false,
             clamp_neighbours: true,
             planes: 8.0,
+            noise: 3.0,
             min_distance: 1e-3 * scene_radius,
             max_distance: scene_radius,
         }
+    }
+
+    /// Of one ray.
+    fn squared_noise(&self) -> f32 {
+        #[expect(clippy::manual_clamp, reason = "NaN counts as 0")]
+        let noise = self.noise.max(0.0).min(1e9);
+        noise * noise
     }
 
     /// R within its limits, and above zero.
@@ -81,16 +94,21 @@ impl Place {
 /// Most samples in a mean.
 const MAX_NEIGHBOURS: usize = 32;
 
-/// Below this e a sample is the point itself.
-const SAME: f32 = 1e-6;
+/// Below this squared error a sample is the point itself.
+const SAME: f32 = 1e-12;
 
-/// Samples that can be interpolated. Memory: 144 bytes a sample with its share of the index.
+/// What is farther is as far as this: so that squares, and one over them, are numbers.
+const FARTHEST: f32 = 1e18;
+
+/// Samples that can be interpolated. Memory: 148 bytes a sample with its share of the index.
 #[derive(Clone, Debug)]
 pub struct IrradianceSamples {
     samples: Vec<Indexed>,
     nodes: Vec<SpatialNode>,
     /// Largest R below each node.
     reach: Vec<f32>,
+    /// Squared, of the samples with most rays.
+    least_noise: f32,
     params: InterpolationParams,
 }
 
@@ -149,9 +167,27 @@ pub struct Share {
 #[derive(Clone, Debug, Default)]
 pub struct SampleScratch {
     stack: Vec<(f32, u32)>,
-    /// e and slot, least first.
+    /// Squared error and slot, least first.
     best: Vec<(f32, u32)>,
     shares: Vec<Share>,
+}
+
+impl SampleScratch {
+    /// Who spoke for the last place that was asked about.
+    pub fn shares(&self) -> &[Share] {
+        &self.shares
+    }
+}
+
+/// What samples foretell of a place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Foretold {
+    /// W·m⁻² per channel, from 0 on; 0 without samples.
+    pub irradiance: Vec3,
+    /// How far below zero gradients had extrapolated a channel, which was cut off there: from 0 on.
+    pub cut_off: Vec3,
+    /// How little they know: [`IrradianceSamples::doubt`].
+    pub doubt: f32,
 }
 
 impl IrradianceSamples {
@@ -179,7 +215,9 @@ impl IrradianceSamples {
                 reach[children.start as usize].max(reach[children.start as usize + 1])
             };
         }
-        (Self { samples: kept, nodes, reach, params: *params }, left_out)
+        let most_rays = kept.iter().map(|s| s.sample.rays).max().unwrap_or_default().max(1);
+        let least_noise = params.squared_noise() / most_rays as f32;
+        (Self { samples: kept, nodes, reach, least_noise, params: *params }, left_out)
     }
 
     /// Number of samples.
@@ -226,32 +264,40 @@ impl IrradianceSamples {
     /// Irradiance of a place, W·m⁻² per channel; zero without samples. With gradients a channel may be
     /// extrapolated to below zero: it is cut off there, and the second result is how far below, from 0 on.
     pub fn irradiance(&self, place: &Place, scratch: &mut SampleScratch) -> (Vec3, Vec3) {
-        let shares = self.shares(place, scratch).iter();
-        let sum: Vec3 = shares.map(|share| share.weight * self.foretold(share, place)).sum();
-        (sum.max(Vec3::ZERO), (-sum).max(Vec3::ZERO))
+        let Foretold { irradiance, cut_off, .. } = self.foretell(place, scratch);
+        (irradiance, cut_off)
     }
 
-    /// How little samples know about a place. Dimensionless, from 0 (at a sample) on; without samples 0.
-    /// Where it is large, light gathered at the place itself is worth its rays most.
+    /// How little samples know about a place. Dimensionless, from 0 on; without samples 0. Where it is large,
+    /// light gathered at the place itself is worth its rays most.
     ///
     /// The squares of two parts are added: the standard deviation of what each sample foretells, by their
-    /// shares, over the largest irradiance that any of them gathered; and a twentieth of the least e, for
-    /// what no sample is near may be dark though all around it agree.
+    /// shares, over the largest irradiance that any of them gathered; and a twentieth of the least error (e
+    /// and noise), for what no sample is near may be dark though all around it agree.
     pub fn doubt(&self, place: &Place, scratch: &mut SampleScratch) -> f32 {
-        const UNSEEN: f64 = 0.05;
+        self.foretell(place, scratch).doubt
+    }
+
+    /// Irradiance and doubt of a place by one search; [`SampleScratch::shares`] says afterwards who spoke.
+    pub fn foretell(&self, place: &Place, scratch: &mut SampleScratch) -> Foretold {
+        const UNSEEN: f32 = 0.05;
         self.shares(place, scratch);
-        let (mut mean, mut squares, mut largest) = (0.0f64, 0.0f64, 0.0f64);
+        let (mut sum, mut largest) = (Vec3::ZERO, 0.0f64);
+        let (mut mean, mut squares) = (0.0f64, 0.0f64);
         for share in &scratch.shares {
-            let foretold = f64::from(self.foretold(share, place).element_sum());
-            mean += f64::from(share.weight) * foretold;
-            squares += f64::from(share.weight) * foretold * foretold;
-            largest =
-                largest.max(f64::from(self.samples[share.slot as usize].sample.irradiance.element_sum()));
+            let foretold = self.foretold(share, place);
+            sum += share.weight * foretold;
+            let all = f64::from(foretold.element_sum());
+            mean += f64::from(share.weight) * all;
+            squares += f64::from(share.weight) * all * all;
+            let gathered = self.samples[share.slot as usize].sample.irradiance;
+            largest = largest.max(f64::from(gathered.element_sum()));
         }
         let deviation = (squares - mean * mean).max(0.0).sqrt();
         let spread = if largest > 0.0 { deviation / largest } else { 0.0 };
-        let unseen = UNSEEN * scratch.best.first().map_or(0.0, |&(error, _)| f64::from(error));
-        spread.hypot(unseen).min(f64::from(f32::MAX)) as f32
+        let unseen = UNSEEN * scratch.best.first().map_or(0.0, |&(error, _)| error.sqrt());
+        let doubt = spread.hypot(unseen.into()).min(f64::from(f32::MAX)) as f32;
+        Foretold { irradiance: sum.max(Vec3::ZERO), cut_off: (-sum).max(Vec3::ZERO), doubt }
     }
 
     /// What one sample says of a place.
@@ -289,10 +335,11 @@ impl IrradianceSamples {
         best.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         best.truncate(count);
 
-        // Nothing below a node has a lesser e than this.
+        // Nothing below a node has a lesser error than this.
         let least = |id: u32| {
             let distance = self.nodes[id as usize].distance_squared(place.position).sqrt();
-            SLACK * distance / self.reach[id as usize].min(measure.reach)
+            let e = (distance / self.reach[id as usize].min(measure.reach)).min(FARTHEST);
+            SLACK * (e * e + self.least_noise)
         };
         if !self.is_empty() {
             stack.push((least(0), 0));
@@ -333,12 +380,13 @@ fn insert(best: &mut Vec<(f32, u32)>, entry: (f32, u32), count: usize) {
     }
 }
 
-/// Ward's e against one place.
+/// The error of samples against one place.
 struct Measure<'a> {
     place: &'a Place,
     /// R of the place; infinite: not known.
     reach: f32,
     planes: f32,
+    noise: f32,
 }
 
 impl<'a> Measure<'a> {
@@ -347,15 +395,18 @@ impl<'a> Measure<'a> {
         let reach = if own.is_finite() { params.clamped(own) } else { f32::INFINITY };
         #[expect(clippy::manual_clamp, reason = "NaN counts as 0")]
         let planes = params.planes.max(0.0).min(1e6);
-        Self { place, reach, planes }
+        Self { place, reach, planes, noise: params.squared_noise() }
     }
 
+    /// Squared: Ward's e, and the noise.
     #[inline]
     fn error(&self, &Indexed { ref sample, distance, .. }: &Indexed) -> f32 {
         let offset = self.place.position - sample.position;
         let off_plane = offset.dot(sample.normal).abs();
-        (offset.length() + self.planes * off_plane) / distance.min(self.reach)
-            + self.place.normal.distance(sample.normal)
+        let e = (offset.length() + self.planes * off_plane) / distance.min(self.reach)
+            + self.place.normal.distance(sample.normal);
+        let e = if e > FARTHEST { FARTHEST } else { e };
+        e * e + self.noise / sample.rays.max(1) as f32
     }
 }
 
@@ -414,6 +465,7 @@ mod tests {
                 mean_distance: random.f32().powi(3),
                 rotation: [Vec3::ZERO; 3],
                 translation: [Vec3::ZERO; 3],
+                rays: 1,
             })
             .collect();
         let (index, _) = IrradianceSamples::new(&samples, &InterpolationParams::new(1.0));

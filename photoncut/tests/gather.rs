@@ -205,7 +205,13 @@ fn sample(position: Vec3, irradiance: f32) -> GatherSample {
         mean_distance: 0.5,
         rotation: [Vec3::ZERO; 3],
         translation: [Vec3::X; 3],
+        rays: 100,
     }
+}
+
+/// Samples without noise, four to a mean.
+const fn exact(radius: f32) -> InterpolationParams {
+    InterpolationParams { neighbours: 4, noise: 0.0, ..InterpolationParams::new(radius) }
 }
 
 /// D11, E50: exact at a sample, continuous between them, never undefined.
@@ -216,7 +222,7 @@ fn interpolation_is_continuous() {
         (0..200).map(|_| sample(Vec3::new(random.f32(), 0.0, random.f32()), random.f32())).collect();
     let mut scratch = SampleScratch::default();
     for neighbours in [1, 3, 8, 32] {
-        let params = InterpolationParams { neighbours, ..InterpolationParams::new(1.0) };
+        let params = InterpolationParams { neighbours, ..exact(1.0) };
         let (index, _) = IrradianceSamples::new(&samples, &params);
         for sample in &samples {
             assert_eq!(
@@ -248,7 +254,7 @@ fn planes_keep_shelves_apart() {
     let above = sample(0.5 * Vec3::Y, 9.0);
     let mut scratch = SampleScratch::default();
     for (planes, expected) in [(0.0, 9.0), (f32::NAN, 9.0), (4.0, 1.0), (f32::INFINITY, 1.0)] {
-        let params = InterpolationParams { neighbours: 1, planes, ..InterpolationParams::new(1.0) };
+        let params = InterpolationParams { neighbours: 1, planes, ..exact(1.0) };
         let (index, _) = IrradianceSamples::new(&[own, above], &params);
         let found = index.irradiance(&Place::new(Vec3::ZERO, Vec3::Y), &mut scratch).0.x;
         // The other one takes its own weight off: e is 2 and 1, or 2 and 5.
@@ -261,8 +267,7 @@ fn planes_keep_shelves_apart() {
 fn a_gap_takes_its_own_light() {
     let open = GatherSample { mean_distance: 1.0, ..sample(0.2 * Vec3::X, 9.0) };
     let gap = GatherSample { mean_distance: 0.05, ..sample(0.1 * Vec3::Z, 1.0) };
-    let params =
-        InterpolationParams { neighbours: 1, clamp_neighbours: false, ..InterpolationParams::new(1.0) };
+    let params = InterpolationParams { neighbours: 1, clamp_neighbours: false, ..exact(1.0) };
     let (index, _) = IrradianceSamples::new(&[open, gap], &params);
     let mut scratch = SampleScratch::default();
     let mut found = |mean_distance: f32| {
@@ -284,7 +289,7 @@ fn a_gap_takes_its_own_light() {
     }
 }
 
-/// The nearest of all samples by the published error, whatever was asked before.
+/// The samples of least error of all, whatever was asked before.
 #[test]
 fn the_search_misses_nothing() {
     let mut random = Random::new(5, 0, 0);
@@ -294,12 +299,13 @@ fn the_search_misses_nothing() {
             let normal = (any() - 0.5).normalize();
             GatherSample {
                 normal,
+                rays: 1 << (any().x * 8.0) as u32,
                 mean_distance: any().x.powi(3),
                 ..sample(any().round() * 0.9 + 0.1 * any(), 1.0)
             }
         })
         .collect();
-    let params = InterpolationParams { clamp_neighbours: false, ..InterpolationParams::new(1.0) };
+    let params = InterpolationParams { clamp_neighbours: false, noise: 2.0, ..exact(1.0) };
     let (index, _) = IrradianceSamples::new(&samples, &params);
     let mut used = SampleScratch::default();
     for i in 0..500 {
@@ -308,8 +314,9 @@ fn the_search_misses_nothing() {
         let error = |s: &GatherSample| {
             let offset = place.position - s.position;
             let way = offset.length() + params.planes * offset.dot(s.normal).abs();
-            way / s.mean_distance.clamp(1e-3, 1.0).min(mean_distance.max(1e-3))
-                + place.normal.distance(s.normal)
+            let e = way / s.mean_distance.clamp(1e-3, 1.0).min(mean_distance.max(1e-3))
+                + place.normal.distance(s.normal);
+            e * e + 4.0 / s.rays as f32
         };
         let mut all: Vec<_> = (0..).zip(&samples).map(|(k, s)| (error(s), k)).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -330,10 +337,38 @@ fn the_search_misses_nothing() {
     assert_eq!(few.shares(&Place::new(Vec3::ZERO, Vec3::Y), &mut used).len(), 2);
 }
 
+/// Samples near each other are averaged by their rays, and one is not the less exact for having many.
+#[test]
+fn noise_is_averaged() {
+    let mut scratch = SampleScratch::default();
+    let mut at_the_first = |noise: f32, rays: [u32; 2]| {
+        let samples: Vec<_> = [(0.0, 1.0), (0.05, 3.0), (100.0, 0.0)]
+            .into_iter()
+            .zip([rays[0], rays[1], 1])
+            .map(|((x, irradiance), rays)| GatherSample { rays, ..sample(x * Vec3::X, irradiance) })
+            .collect();
+        let (index, _) =
+            IrradianceSamples::new(&samples, &InterpolationParams { noise, neighbours: 2, ..exact(1.0) });
+        index.irradiance(&Place::new(Vec3::ZERO, Vec3::Y), &mut scratch).0.x
+    };
+    assert_eq!(at_the_first(0.0, [100, 100]), 1.0, "without noise a sample speaks alone");
+    // R is 0.5, so the second is at an e of 0.1: squared errors are 0.09 and 0.09 + 0.01.
+    let expected = (1.0 / 0.09 + 3.0 / 0.1) / (1.0 / 0.09 + 1.0 / 0.1);
+    let found = at_the_first(3.0, [100, 100]);
+    assert!((found - expected).abs() < 1e-4, "{found}, not {expected}");
+    assert!(at_the_first(3.0, [100, 400]) > found && at_the_first(3.0, [400, 100]) < found);
+    assert!(at_the_first(3.0, [0, 100]) > 2.9, "none counts as one");
+    for noise in [-1.0, f32::NAN] {
+        assert_eq!(at_the_first(noise, [100, 100]), 1.0);
+    }
+    let far = at_the_first(f32::INFINITY, [100, 100]);
+    assert!((far - 2.0).abs() < 1e-3, "all noise: a plain mean, and not {far}");
+}
+
 /// Doubt is what samples disagree by, over the largest of them, and a twentieth of how far they are.
 #[test]
 fn doubt_is_disagreement() {
-    let params = InterpolationParams { neighbours: 2, ..InterpolationParams::new(1.0) };
+    let params = InterpolationParams { neighbours: 2, ..exact(1.0) };
     let mut scratch = SampleScratch::default();
     let mut between = |a: f32, b: f32, at: f32| {
         let (index, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, a), sample(Vec3::X, b)], &params);
@@ -350,7 +385,7 @@ fn doubt_is_disagreement() {
 #[test]
 fn interpolation_at_extremes() {
     let mut scratch = SampleScratch::default();
-    let params = InterpolationParams::new(1.0);
+    let params = exact(1.0);
     let (none, _) = IrradianceSamples::new(&[], &params);
     assert_eq!(none.irradiance(&Place::new(Vec3::ZERO, Vec3::Y), &mut scratch).0, Vec3::ZERO);
     let (one, _) = IrradianceSamples::new(&[sample(Vec3::ZERO, 3.0)], &params);

@@ -490,6 +490,7 @@ impl<P: Progress> Shot<'_, P> {
         } else {
             self.take(&NoDirect, &indirect)
         }?;
+        indirect.say();
         if let Some(sparse) = &sparse {
             rendered.counts.add(&sparse.counts);
         }

@@ -73,6 +73,25 @@ fn photons_bring_as_much_light_as_paths() {
     }
 }
 
+/// Camera samples that gather for themselves bring the light that few points miss, mirrors and lobes included,
+/// and where they are not wanted there are none.
+#[test]
+fn own_gathers_bring_missing_light() {
+    let room = Room::new("cornell");
+    let truth = room.picture("photoncut", &[&FEW[..], &["clusters=off"]].concat(), &params(4));
+    let error = |own: &str| {
+        let picture =
+            room.picture("photoncut", &[&FEW[..], &["samples=30", "finer=2", own]].concat(), &params(4));
+        let pairs = picture.film.pixels.iter().zip(&truth.film.pixels);
+        let squares: f64 = pairs.map(|(a, b)| f64::from((*a - *b).length_squared())).sum();
+        (squares, picture.counts.closest_hit_rays)
+    };
+    let (none, some, all) = (error("own=inf"), error("own=0.1"), error("own=0"));
+    assert!(some.0 < 0.7 * none.0 && some.1 > none.1, "{some:?} and {none:?}");
+    // Everywhere: a gather of 50 rays at each of 4 × 576 camera samples.
+    assert!(all.1 > none.1 + 90_000, "{all:?} and {none:?}");
+}
+
 #[test]
 fn threads_do_not_show() {
     let room = Room::new("glass-cube");

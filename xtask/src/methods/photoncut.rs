@@ -6,6 +6,7 @@ mod maps;
 mod nearness;
 mod sparse;
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use glam::{DVec3, Vec3};
@@ -81,7 +82,7 @@ pub(super) const GATHER_KEYS: [Key; 10] =
     [PHOTONS, CAUSTICS, CAUSTIC_RADIUS, NEAREST, AREA, FLATTEN, RAYS, DIRECT, LIGHTS, trees::BUILDER];
 
 /// Dials of `photoncut`.
-pub(super) const PHOTONCUT_KEYS: [Key; 28] = [
+pub(super) const PHOTONCUT_KEYS: [Key; 30] = [
     PHOTONS,
     CAUSTICS,
     CAUSTIC_RADIUS,
@@ -124,7 +125,7 @@ pub(super) const PHOTONCUT_KEYS: [Key; 28] = [
     },
     Key {
         name: "samples",
-        default: "4000",
+        default: "3000",
         range: Range::Whole(1, 10_000_000),
         trades: "points where light is gathered: finer indirect shadows, for time",
     },
@@ -136,9 +137,15 @@ pub(super) const PHOTONCUT_KEYS: [Key; 28] = [
     },
     Key {
         name: "finer",
-        default: "4",
+        default: "8",
         range: Range::Whole(1, 64),
         trades: "how many times fewer rays each doubtful point casts, and how many times more of them there are: more finds smaller gaps, for noise",
+    },
+    Key {
+        name: "own",
+        default: "0.12",
+        range: Range::Number(0.0, f32::INFINITY),
+        trades: "doubt from which on a camera sample gathers for itself, too, with as many rays as a doubtful point, and for itself alone from twice that: less brings more of the light of edges that no gathered point is at, for rays at each sample; inf never does",
     },
     Key {
         name: "guide",
@@ -166,7 +173,7 @@ pub(super) const PHOTONCUT_KEYS: [Key; 28] = [
     },
     Key {
         name: "neighbours",
-        default: "4",
+        default: "8",
         range: Range::Whole(1, 32),
         trades: "gathered points that a pixel's light is interpolated from: smoother, for detail",
     },
@@ -175,6 +182,12 @@ pub(super) const PHOTONCUT_KEYS: [Key; 28] = [
         default: "8",
         range: Range::Number(0.0, 1000.0),
         trades: "how much farther a gathered point off a pixel's plane counts as: more keeps light of shelves, steps and frames apart, and takes neighbours away on what is round",
+    },
+    Key {
+        name: "noise",
+        default: "3",
+        range: Range::Number(0.0, 1000.0),
+        trades: "what the noise of a single ray counts as beside distance: more averages gathered points that are near each other, 0 lets each speak alone where it is",
     },
     Key {
         name: "gradients",
@@ -220,6 +233,12 @@ pub(crate) struct PhotonLight<'a> {
     caustic: DensityParams,
     rays: u32,
     gloss_rays: u32,
+    /// Doubt from which on a camera sample gathers for itself, too.
+    own: f32,
+    /// Rays that it casts then.
+    own_rays: u32,
+    /// Camera samples that did.
+    own_gathers: AtomicU64,
     memory: Pool,
 }
 
@@ -255,8 +274,21 @@ impl<'a> PhotonLight<'a> {
             sparse,
             caustic: DensityParams { max_radius: reach, area: Area::Disk, ..density(settings) },
             rays: settings.whole("rays"),
+            own: settings.find("own").and_then(|_| settings.number("own")).unwrap_or(f32::INFINITY),
+            own_rays: settings
+                .find("finer")
+                .map_or(0, |_| settings.whole("rays").div_ceil(settings.whole("finer"))),
+            own_gathers: AtomicU64::new(0),
             gloss_rays: settings.find("gloss_rays").map_or(0, |_| settings.whole("gloss_rays")),
             memory: Pool::default(),
+        }
+    }
+
+    /// Says on standard error how many camera samples gathered for themselves where others interpolate.
+    pub(crate) fn say(&self) {
+        if self.sparse.is_some() {
+            let own = self.own_gathers.load(Ordering::Relaxed);
+            eprintln!("camera samples that gathered for themselves: {own}, {} rays each", self.own_rays);
         }
     }
 
@@ -292,27 +324,52 @@ impl<Q: Geometry> IndirectLighting<Q> for PhotonLight<'_> {
             let caustics = self.caustics(point, memory);
             let gathered = match self.sparse {
                 None => gathering::reflected(frame, self.maps, point, self.rays, rays, memory, counts),
-                Some(sparse) => {
-                    if point.bsdf.is_glossy() && self.gloss_rays > 0 {
-                        gathering::along_lobes(frame, self.maps, point, self.gloss_rays, rays, memory, counts)
-                    } else if let (true, Some(harmonics)) = (point.bsdf.is_glossy(), sparse.harmonics()) {
-                        let mut around = RadianceSh::default();
-                        let place = sparse.nearness.place(point);
-                        for share in sparse.samples.shares(&place, &mut memory.samples) {
-                            around.add_scaled(&harmonics[share.index as usize], share.weight);
-                        }
-                        glossy(point, &around, counts)
-                    } else {
-                        let (irradiance, cut_off) =
-                            sparse.samples.irradiance(&sparse.nearness.place(point), &mut memory.samples);
-                        let diffuse = diffuse(point);
-                        count_cut_off(diffuse * cut_off, point, counts);
-                        diffuse * irradiance
-                    }
+                Some(_) if point.bsdf.is_glossy() && self.gloss_rays > 0 => {
+                    gathering::along_lobes(frame, self.maps, point, self.gloss_rays, rays, memory, counts)
                 }
+                Some(sparse) => self.interpolated(sparse, frame, point, rays, memory, counts),
             };
             (caustics + gathered).as_dvec3()
         })
+    }
+}
+
+impl PhotonLight<'_> {
+    /// What a point reflects of what samples foretell, and, the more these are in doubt, of what it gathers for
+    /// itself.
+    fn interpolated<Q: Geometry>(
+        &self,
+        sparse: &Sparse,
+        frame: &Frame<'_, Q>,
+        point: &ShadingPoint,
+        rays: &mut Q::Scratch,
+        memory: &mut Memory,
+        counts: &mut Counts,
+    ) -> Vec3 {
+        let foretold = sparse.samples.foretell(&sparse.nearness.place(point), &mut memory.samples);
+        // Continuous, and by no number that the rays cast here decide: so right in the mean as these are.
+        let part = (foretold.doubt / self.own - 1.0).clamp(0.0, 1.0);
+        let mut own = |memory: &mut Memory, counts: &mut Counts| {
+            self.own_gathers.fetch_add(1, Ordering::Relaxed);
+            let shares = memory.samples.shares();
+            let guided = sparse.point(&mut memory.guide, point, shares);
+            gathering::reflected_guided(frame, self.maps, point, self.own_rays, guided, rays, memory, counts)
+        };
+        if part >= 1.0 {
+            return own(memory, counts);
+        }
+        let interpolated = if let (true, Some(harmonics)) = (point.bsdf.is_glossy(), sparse.harmonics()) {
+            let mut around = RadianceSh::default();
+            for share in memory.samples.shares() {
+                around.add_scaled(&harmonics[share.index as usize], share.weight);
+            }
+            glossy(point, &around, counts)
+        } else {
+            let diffuse = diffuse(point);
+            count_cut_off(diffuse * foretold.cut_off, point, counts);
+            diffuse * foretold.irradiance
+        };
+        if part > 0.0 { interpolated.lerp(own(memory, counts), part) } else { interpolated }
     }
 }
 

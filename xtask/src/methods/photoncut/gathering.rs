@@ -45,12 +45,27 @@ pub(super) fn reflected<Q: Geometry>(
     memory: &mut Memory,
     counts: &mut Counts,
 ) -> Vec3 {
+    reflected_guided(frame, maps, point, rays, false, scratch, memory, counts)
+}
+
+/// The same; `guided`, in the directions that the memory's guide says, unless the point is glossy.
+#[expect(clippy::too_many_arguments, reason = "the state of one point")]
+pub(super) fn reflected_guided<Q: Geometry>(
+    frame: &Frame<'_, Q>,
+    maps: &Maps,
+    point: &ShadingPoint,
+    rays: u32,
+    guided: bool,
+    scratch: &mut Q::Scratch,
+    memory: &mut Memory,
+    counts: &mut Counts,
+) -> Vec3 {
     if !is_lambert(&point.bsdf) {
         return along_lobes(frame, maps, point, rays, scratch, memory, counts);
     }
     // Camera samples of a pixel gather with numbers of their own.
     let index = lighttree::rng::pcg4d([point.pixel, point.sample, 0, 0])[0];
-    let sample = at(frame, maps, point, index, rays, false, None, scratch, memory, counts);
+    let sample = at(frame, maps, point, index, rays, guided, None, scratch, memory, counts);
     point.bsdf.diffuse_albedo(point.normal, point.wo) * FRAC_1_PI * sample.irradiance
 }
 

@@ -4,7 +4,9 @@ use std::time::Instant;
 
 use clustering::{ClusterError, ClusterParams, Clusters, Metric, OrientedPoint, Seeding, cluster};
 use glam::Vec3;
-use photoncut::{GatherParams, GatherSample, InterpolationParams, IrradianceSamples, Met, RadianceSh};
+use photoncut::{
+    GatherParams, GatherSample, Guide, InterpolationParams, IrradianceSamples, Met, RadianceSh, Share,
+};
 use rayon::prelude::*;
 use scene::{Camera, Counts, Frame, RenderParams, Requirements, SceneRays, ShadingPoint};
 
@@ -18,6 +20,8 @@ pub(crate) struct Sparse {
     pub(super) samples: IrradianceSamples,
     pub(super) nearness: Nearness,
     harmonics: Vec<RadianceSh>,
+    /// What the rays of each sample met, where they guide others.
+    met: Vec<Vec<Met>>,
     /// What it took.
     pub(crate) counts: Counts,
 }
@@ -83,6 +87,7 @@ impl Sparse {
             gradients: settings.text("gradients") == "on",
             clamp_neighbours: settings.text("clamp_neighbours") == "on",
             planes: settings.number("planes").unwrap_or(0.0),
+            noise: settings.number("noise").unwrap_or(0.0),
             ..InterpolationParams::new(frame.radius)
         };
         let mut gatherer = Gatherer::new(frame, maps, &points, &nearness, interpolation, settings);
@@ -138,14 +143,29 @@ impl Sparse {
             counts.fallbacks,
         );
         *before = Some(clusters);
-        let harmonics = gatherer.harmonics;
-        Ok(Self { samples, nearness, harmonics, counts })
+        let Gatherer { harmonics, met, .. } = gatherer;
+        Ok(Self { samples, nearness, harmonics, met, counts })
     }
 
     /// Harmonics of what comes in, sample by sample, if there are any.
     pub(super) fn harmonics(&self) -> Option<&[RadianceSh]> {
         (!self.harmonics.is_empty()).then_some(&self.harmonics[..])
     }
+
+    /// Points a guide from `point` to what the rays of those that spoke for it met; whether they do guide.
+    pub(super) fn point(&self, guide: &mut Guide, point: &ShadingPoint, shares: &[Share]) -> bool {
+        toward(guide, point, shares, &self.met)
+    }
+}
+
+/// Samples whose rays guide those of a point: more cost as much time as they save rays.
+const GUIDES: usize = 4;
+
+/// Points a guide from `point` to what the rays of the samples of most weight met; whether there are any.
+fn toward(guide: &mut Guide, point: &ShadingPoint, shares: &[Share], met: &[Vec<Met>]) -> bool {
+    let met = shares.iter().take(GUIDES).flat_map(|share| &met[share.index as usize]).copied();
+    guide.toward(point.position, point.normal, met);
+    !shares.is_empty()
 }
 
 /// Gathers at shading points, one lot after the other.
@@ -215,13 +235,14 @@ impl<'a> Gatherer<'a> {
                 let mut counts = Counts::default();
                 let mut harmonics = self.window.map(|_| RadianceSh::default());
                 let (sample, met) = self.pool.with(|memory| {
-                    let guided = self.guided && !nearby.is_empty();
-                    if guided {
-                        let place = &self.nearness.places()[chosen[i] as usize];
-                        let shares = nearby.shares(place, &mut memory.samples);
-                        let met = shares.iter().flat_map(|share| &self.met[share.index as usize]);
-                        memory.guide.toward(point.position, point.normal, met.copied());
-                    }
+                    let place = &self.nearness.places()[chosen[i] as usize];
+                    let guided = self.guided
+                        && toward(
+                            &mut memory.guide,
+                            point,
+                            nearby.shares(place, &mut memory.samples),
+                            &self.met,
+                        );
                     let (index, sh) = ((first + i) as u32, harmonics.as_mut());
                     let Self { frame, maps, .. } = *self;
                     let sample = gathering::at(

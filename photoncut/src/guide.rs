@@ -270,6 +270,28 @@ mod tests {
         }
     }
 
+    /// Light in one cell is looked for in all that touch it, around the turn too.
+    #[test]
+    fn neighbouring_cells_share_light() {
+        let frame = {
+            let (x, y) = Vec3::Z.any_orthonormal_pair();
+            [x, y, Vec3::Z]
+        };
+        let middle = |row: usize, column: usize| [row, column].map(|i| (i as f32 + 0.5) / SIDE as f32);
+        let met = (0..CELLS).map(|i| {
+            let at = middle(i / SIDE, i % SIDE);
+            Met { position: direction(at, frame), radiance: if i == 8 * SIDE { 9.0 } else { 0.1 } }
+        });
+        let mut guide = Guide::default();
+        guide.toward(Vec3::ZERO, Vec3::Z, met);
+        let density = |row: usize, column: usize| guide.density(middle(row, column));
+        let far = density(8, 8);
+        for (row, column) in [(8, 1), (8, SIDE - 1), (7, 0), (9, 0), (7, SIDE - 1), (9, 1)] {
+            assert!(density(row, column) > 5.0 * far, "{row}, {column}: {} and {far}", density(row, column));
+        }
+        assert!((density(8, 1) / density(8, SIDE - 1) - 1.0).abs() < 1e-3);
+    }
+
     /// Nothing to go by: the cosine.
     #[test]
     fn without_light_it_is_the_cosine() {

@@ -143,7 +143,7 @@ pub(super) const PHOTONCUT_KEYS: [Key; 30] = [
     },
     Key {
         name: "own",
-        default: "0.12",
+        default: "0.2",
         range: Range::Number(0.0, f32::INFINITY),
         trades: "doubt from which on a camera sample gathers for itself, too, with as many rays as a doubtful point, and for itself alone from twice that: less brings more of the light of edges that no gathered point is at, for rays at each sample; inf never does",
     },

@@ -227,8 +227,8 @@ impl Baker {
                 if let Some(views) = self.attention.look(&update.add, self.version, trace) {
                     add(views.baked(), 1.0);
                 }
-                for now in now {
-                    let state = &self.cut.states[self.forest.nodes[now as usize].state as usize];
+                for selected in now {
+                    let state = &self.cut.states[self.forest.nodes[selected as usize].state as usize];
                     if let Some(views) = &state.views {
                         add(views.baked(), -1.0);
                     }

@@ -23,7 +23,8 @@ use crate::{Contribution, Update, UpdateOrder};
 
 /// What has more clusters than this before or after is not foreseen: balancing does it in smaller steps.
 const WIDEST: usize = 16;
-/// Of how many changes one is weighed anew for each that is made, on average over all being weighed.
+/// All changes are weighed anew after one in so many of them was made: so many for each on average. Between,
+/// only those that come first are.
 const WEIGHED: usize = 256;
 
 /// What changes.

@@ -22,7 +22,8 @@ pub struct StepBudget {
     /// Paths looked at; and where somebody looks ([`Baker::watch`]), once all paths are valid, virtual point
     /// lights of clusters whose new lights are foreseen.
     pub paths: usize,
-    /// Lights accumulated. The update that reaches it is finished, so that up to 9 K - 1 more may be.
+    /// Lights accumulated. The update that reaches it is finished, so that up to 9 K - 1 more may be; where
+    /// somebody looks, and clusters are parted or joined over several levels at once, up to 17 K - 1.
     pub accumulations: usize,
 }
 

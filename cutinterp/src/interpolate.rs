@@ -20,7 +20,7 @@
 //! Neighbouring receivers have the same inputs and other weights. So the work is in two parts:
 //! [`MergedCuts::merge`] walks the inputs once and keeps, for every node between the coarsest and the finest
 //! of them, the inputs' mean levels and visibilities; and [`MergedCuts::select`] goes through that list with
-//! the weights of one receiver, three or four nanoseconds a node.
+//! the weights of one receiver, one or two nanoseconds a node.
 
 use core::ops::Range;
 
@@ -65,7 +65,7 @@ pub enum Hidden {
 
 /// Several cuts of one tree laid over one another, ready to be interpolated with any weights.
 ///
-/// Memory: 16 bytes a node and 8 more for each input; beside that some 40, and 96 for each four inputs, for
+/// Memory: 16 bytes a node and 8 more for each input, 4 for each that has others below; beside that some 40, and 96 for each four inputs, for
 /// each node of the largest subtree on which the inputs differ. Kept from merge to merge.
 #[derive(Debug, Default)]
 pub struct MergedCuts {
@@ -73,6 +73,10 @@ pub struct MergedCuts {
     entries: Vec<Entry>,
     /// By input; of those beyond `inputs` only the memory is of use.
     rows: Vec<Row>,
+    /// 1 for entries that all inputs see, else 0.
+    sure: Vec<f32>,
+    /// Entries that have others below, ascending: all that there is to decide about.
+    inner: Vec<u32>,
     inputs: usize,
     walk: Walk,
 }
@@ -84,7 +88,6 @@ struct Entry {
     end: u32,
     /// Largest difference between the inputs' mean levels.
     spread: f32,
-    agreed: Agreed,
 }
 
 /// What one input says about each entry.
@@ -107,34 +110,10 @@ impl Row {
 /// Entries that are looked at together.
 const TOGETHER: usize = 8;
 
-/// On what the inputs agree for a node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Agreed {
-    Hidden,
-    Seen,
-    Neither,
-}
-
-impl Agreed {
-    /// That of a node about which all say 0, all say 1, or neither.
-    #[inline(always)]
-    fn on(seen: impl Iterator<Item = f32>) -> Self {
-        let note = |(all, any), seen| (all & (seen == 1.0), any | (seen != 0.0));
-        let (all, any) = seen.fold((true, false), note);
-        match (all, any) {
-            (true, _) => Self::Seen,
-            (_, false) => Self::Hidden,
-            _ => Self::Neither,
-        }
-    }
-
-    /// The mean visibility: exact where the inputs agree, although their weights sum to one only but for
-    /// rounding.
-    #[inline(always)]
-    fn visibility(self, mean: f32) -> f32 {
-        // What none sees comes out as 0 by itself.
-        if self == Self::Seen { 1.0 } else { mean.min(1.0) }
-    }
+/// 1 where all of these are 1, else 0.
+#[inline(always)]
+fn all_see(mut seen: impl Iterator<Item = f32>) -> f32 {
+    f32::from(u8::from(seen.all(|seen| seen == 1.0)))
 }
 
 /// What merging asks of a tree.
@@ -250,6 +229,8 @@ impl MergedCuts {
         assert!(!inputs.is_empty(), "there must be a cut to interpolate from");
         self.inputs = inputs.len();
         self.entries.clear();
+        self.sure.clear();
+        self.inner.clear();
         if self.rows.len() < inputs.len() {
             self.rows.resize_with(inputs.len(), Row::default);
         }
@@ -262,12 +243,10 @@ impl MergedCuts {
             lanes => self.lay_over(tree, inputs, lanes, hidden),
         }
 
-        // Fill up the last block.
-        let padded = self.entries.len().next_multiple_of(TOGETHER);
-        for row in &mut self.rows[..inputs.len()] {
-            row.excess.resize(padded, 0.0);
-            row.seen.resize(padded, 0.0);
-        }
+        // A block may begin at any entry.
+        let padded = self.entries.len() + TOGETHER;
+        self.rows[..inputs.len()].iter_mut().for_each(|row| row.seen.resize(padded, 0.0));
+        self.sure.resize(padded, 0.0);
     }
 
     #[inline(always)]
@@ -342,9 +321,11 @@ impl MergedCuts {
         assert_eq!(weights.len(), self.inputs, "one weight per input");
         chosen.clear();
         let weights = Weights::new(weights);
-        if beyond == f32::INFINITY {
-            self.sweep(&weights, chosen);
-            return;
+        match self.inputs {
+            1 if beyond == f32::INFINITY => return self.sweep::<1>(&weights, chosen),
+            2 if beyond == f32::INFINITY => return self.sweep::<2>(&weights, chosen),
+            3 if beyond == f32::INFINITY => return self.sweep::<3>(&weights, chosen),
+            _ => {}
         }
         let mean = |of: fn(&Row) -> &[f32], at: usize| -> f32 {
             weights.all().zip(&self.rows).map(|(weight, row)| weight * of(row)[at]).sum()
@@ -357,46 +338,73 @@ impl MergedCuts {
                 at += 1;
                 continue;
             }
-            let visibility = entry.agreed.visibility(mean(|row| &row.seen, at));
+            let visibility = mean(|row| &row.seen, at).min(1.0).max(self.sure[at]);
             chosen.push(Chosen { entry: at as u32, visibility });
             at = entry.end as usize;
         }
     }
 
-    /// [`select_refining`](Self::select_refining) without anybody to ask, and several times faster: every
-    /// entry is looked at, so that neither a guess about the last one nor its end has to be waited for.
-    fn sweep(&self, weights: &Weights<'_>, chosen: &mut Vec<Chosen>) {
-        chosen.resize(self.entries.len(), Chosen { entry: 0, visibility: 0.0 });
-        let (mut count, mut first_free) = (0, 0);
-        for (block, entries) in (0..).zip(self.entries.chunks(TOGETHER)) {
-            // What the inputs say on average.
-            let start = block as usize * TOGETHER;
-            let (mut excess, mut seen) = ([0.0; TOGETHER], [0.0; TOGETHER]);
-            for (weight, row) in weights.all().zip(&self.rows) {
-                let (of_excess, of_seen) = (&row.excess[start..][..TOGETHER], &row.seen[start..][..TOGETHER]);
-                for i in 0..TOGETHER {
-                    excess[i] += weight * of_excess[i];
-                    seen[i] += weight * of_seen[i];
-                }
+    /// [`select_refining`](Self::select_refining) without anybody to ask, and several times faster: between
+    /// entries that have others below, all are emitted, so these go eight at a time.
+    fn sweep<const N: usize>(&self, weights: &Weights<'_>, chosen: &mut Vec<Chosen>) {
+        let mut all = weights.all();
+        let weights: [f32; N] = core::array::from_fn(|_| all.next().unwrap_or_default());
+        let rows: [&Row; N] = core::array::from_fn(|input| &self.rows[input]);
+        chosen.resize(self.entries.len() + TOGETHER, Chosen { entry: 0, visibility: 0.0 });
+        let (mut count, mut next) = (0, 0);
+        for &inner in &self.inner {
+            let at = inner as usize;
+            if at < next {
+                // Below one that was emitted.
+                continue;
             }
+            let excess = (0..N).fold(0.0, |sum, input| sum + weights[input] * rows[input].excess[at]);
+            let emitted = excess < 0.0;
+            count = self.emit(next..at + usize::from(emitted), &weights, &rows, chosen, count);
+            next = if emitted { self.entries[at].end as usize } else { at + 1 };
+        }
+        count = self.emit(next..self.entries.len(), &weights, &rows, chosen, count);
+        chosen.truncate(count);
+    }
 
-            // Emit those that say so and are below none that was emitted.
-            for ((at, entry), (excess, seen)) in
-                (start as u32..).zip(entries).zip(excess.into_iter().zip(seen))
+    /// Writes all of `entries` into `chosen` from place `count` on, and what is beyond them up to a whole
+    /// block; returns the place after the last of them.
+    #[inline(always)]
+    fn emit<const N: usize>(
+        &self,
+        entries: Range<usize>,
+        weights: &[f32; N],
+        rows: &[&Row; N],
+        chosen: &mut [Chosen],
+        count: usize,
+    ) -> usize {
+        for (place, at) in (count..).step_by(TOGETHER).zip(entries.clone().step_by(TOGETHER)) {
+            // In two halves that fit into vectors of four.
+            let half = |at: usize| {
+                let mean = (0..N).fold(Vec4::ZERO, |sum, input| {
+                    sum + weights[input] * Vec4::from_slice(&rows[input].seen[at..at + 4])
+                });
+                // Exact where the inputs agree, although weights sum to one only but for rounding; what none
+                // sees comes out as 0 by itself.
+                mean.min(Vec4::ONE).max(Vec4::from_slice(&self.sure[at..at + 4])).to_array()
+            };
+            let (left, right) = (half(at), half(at + TOGETHER / 2));
+            let visibilities = left.into_iter().chain(right);
+            for ((to, entry), visibility) in
+                chosen[place..place + TOGETHER].iter_mut().zip(at as u32..).zip(visibilities)
             {
-                let emitted = (at >= first_free) & (excess < 0.0);
-                chosen[count] = Chosen { entry: at, visibility: entry.agreed.visibility(seen) };
-                count += usize::from(emitted);
-                first_free = if emitted { entry.end } else { first_free };
+                *to = Chosen { entry, visibility };
             }
         }
-        chosen.truncate(count);
+        count + entries.len()
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         let Walk { cursors, pending, covers, covering, region, sums } = &self.walk;
         self.entries.capacity() * size_of::<Entry>()
+            + self.sure.capacity() * size_of::<f32>()
+            + self.inner.capacity() * size_of::<u32>()
             + self.rows.iter().map(|row| 4 * (row.excess.capacity() + row.seen.capacity())).sum::<usize>()
             + cursors.capacity() * size_of::<usize>()
             + pending.capacity() * size_of::<(NodeId, u32)>()
@@ -414,14 +422,14 @@ impl MergedCuts {
     fn push_common(&mut self, node: NodeId, inputs: &[InputCut<'_>], hidden: Hidden) {
         let cursors = &mut self.walk.cursors;
         let sees = |(input, &cursor): (&InputCut<'_>, &usize)| f32::from(u8::from(input.sees(cursor)));
-        let agreed = Agreed::on(inputs.iter().zip(&*cursors).map(sees));
-        if hidden == Hidden::Keep || agreed != Agreed::Hidden {
+        if hidden == Hidden::Keep || inputs.iter().zip(&*cursors).any(|input| sees(input) != 0.0) {
             for ((input, cursor), row) in inputs.iter().zip(&*cursors).zip(&mut self.rows) {
                 row.seen.push(sees((input, cursor)));
                 row.excess.push(-1.0);
             }
             let end = self.entries.len() as u32 + 1;
-            self.entries.push(Entry { node, end, spread: 0.0, agreed });
+            self.entries.push(Entry { node, end, spread: 0.0 });
+            self.sure.push(all_see(inputs.iter().zip(&*cursors).map(sees)));
         }
         cursors.iter_mut().for_each(|cursor| *cursor += 1);
     }
@@ -444,11 +452,13 @@ impl MergedCuts {
         lanes: usize,
         hidden: Hidden,
     ) {
-        let start = self.entries.len();
+        let (start, inner) = (self.entries.len(), self.inner.len());
         self.descend(tree, inputs, root, lanes);
         self.sum_up(start, lanes);
-        if hidden == Hidden::Drop && self.entries[start].agreed == Agreed::Hidden {
+        if hidden == Hidden::Drop && self.rows[..self.inputs].iter().all(|row| row.seen[start] == 0.0) {
             self.entries.truncate(start);
+            self.sure.truncate(start);
+            self.inner.truncate(inner);
             self.rows.iter_mut().for_each(|row| row.truncate(start));
         }
     }
@@ -498,11 +508,13 @@ impl MergedCuts {
                 row.excess.push(-1.0);
                 row.seen.push(seen(input));
             }
-            let agreed = Agreed::on((0..inputs.len()).map(seen));
-            self.entries.push(Entry { node, end: self.entries.len() as u32 + 1, spread: 0.0, agreed });
+            self.sure.push(all_see((0..inputs.len()).map(seen)));
+            let entry = self.entries.len() as u32;
+            self.entries.push(Entry { node, end: entry + 1, spread: 0.0 });
             if last {
                 continue;
             }
+            self.inner.push(entry);
             let children = tree.children(node);
             assert!(
                 !children.is_empty(),
@@ -543,7 +555,7 @@ impl MergedCuts {
                     }
                 }
                 entry.spread = (highest.max_element() - lowest.min_element()) as f32;
-                entry.agreed = Agreed::on(self.rows[..self.inputs].iter().map(|row| row.seen[place]));
+                self.sure[place] = all_see(self.rows[..self.inputs].iter().map(|row| row.seen[place]));
             }
 
             // Pass the sums on.

@@ -374,6 +374,30 @@ fn a_chain_of_a_hundred_thousand_levels() {
     }
 }
 
+/// Levels of a hundred thousand leaves sum to five thousand millions: the least of them is a third of what f32
+/// tells apart there.
+#[test]
+fn sums_of_levels_are_exact_where_those_of_f32_are_not() {
+    let lights = 100_000u32;
+    let chain = Chain { lights };
+    let levels = Levels::measure(&chain, LevelMetric::Depth);
+    let leaves: Vec<NodeId> =
+        (1..lights).map(|i| NodeId(2 * i - 1)).chain([NodeId(2 * lights - 2)]).collect();
+    let root = vec![NodeId(0)];
+    let inputs = [InputCut { nodes: &root, visible: &[] }, InputCut { nodes: &leaves, visible: &[] }];
+    let mut merged = MergedCuts::default();
+    merged.merge(&chain, &levels, &inputs, Hidden::Keep);
+    // Leaf i is on level i, but for the last, which is beside the one before.
+    let n = f64::from(lights);
+    let mean = (n * (n - 1.0) / 2.0 + n - 1.0) / n;
+    // The root is split where the mean of both inputs is half of its children's level.
+    for (by, split) in [(1.0 - 1e-6, false), (1.0 + 1e-6, true)] {
+        let weight = (0.5 / mean * by) as f32;
+        let (nodes, _) = select_from(&merged, &[1.0 - weight, weight], f32::INFINITY);
+        assert_eq!(nodes.len() > 1, split, "{weight}");
+    }
+}
+
 /// Node 0 is the root; the children of inner node `2i` are the leaf `2i + 1` and the rest `2i + 2`.
 struct Chain {
     lights: u32,

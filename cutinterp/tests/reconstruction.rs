@@ -118,3 +118,36 @@ fn corners_that_disagree_ask_for_shadow_rays_and_those_that_see_nothing_do_not()
     assert_eq!(half.evaluated as usize, cut.len());
     assert!((half.radiance - total).abs().max_element() < 1e-5 * total.max_element());
 }
+
+/// A corner that knows one node of light where another knows its leaves: each leaf has its part of it, and of
+/// that part's part.
+#[test]
+fn a_coarse_corner_gives_each_leaf_its_part() {
+    let mut random = Random::new(4, 0, 0);
+    let tree = TestTree::grow(common::Shape::Balanced, 8, &mut random);
+    let levels = Levels::measure(&tree, LevelMetric::Depth);
+    let leaves = tree.random_cut(8, 4.0, &mut random);
+    assert_eq!(leaves.len(), 8);
+    // All from above: what a part gives is its share of the intensity.
+    let above =
+        |node: NodeId| Impostor { direction: Vec3::Y, irradiance: Vec3::splat(tree.bounds(node).intensity) };
+    let corner = |cut: &[NodeId]| Impostors::new(&tree, cut, |i| above(cut[i]), floor);
+    let (coarse, fine) = (corner(&[NodeId(0)]), corner(&leaves));
+    let all =
+        floor(Vec3::Y).as_dvec3() * leaves.iter().map(|&l| f64::from(tree.bounds(l).intensity)).sum::<f64>();
+    let brightest = leaves.iter().map(|&l| tree.bounds(l).intensity).fold(0.0, f32::max);
+    // So small that only leaves may be averaged.
+    let largest = brightest * 1.001 / leaves.iter().map(|&l| tree.bounds(l).intensity).sum::<f32>();
+    let out = Reconstruction::default().reconstruct(
+        &tree,
+        &levels,
+        &ReconstructionParams { threshold: 1e-3, largest },
+        [&coarse, &fine, &coarse, &fine],
+        [0.25; 4],
+        luminance(all),
+        floor,
+        |_| unreachable!("they agree about every leaf"),
+    );
+    assert!((out.radiance - all).abs().max_element() < 1e-5 * all.max_element(), "{out:?} is not {all}");
+    assert!(out.interpolated > 1);
+}

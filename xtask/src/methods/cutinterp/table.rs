@@ -6,15 +6,18 @@
 //!
 //! `LIGHTTREE_MODES=interpolated,adaptive` leaves the other modes out, and the small pictures with them.
 //!
-//! `LIGHTTREE_NODES=48,64` adds lightcuts of at most so many nodes, to compare with at equal time.
-//!
 //! `LIGHTTREE_MAPS=FOLDER` keeps the small pictures, where each mode is off (white: half of a pixel's light),
 //! and what the method does.
 //!
 //! `LIGHTTREE_WORST=5` names the five pixels that are farthest off in each mode.
 //!
+//! `LIGHTTREE_SIZE=1920x1080` is the size of the pictures; 512x512 without it.
+//!
 //! References are pictures by `brute` with the same seed, size and pixels, `SCENE-diffuse.exr` or
 //! `SCENE-phong.exr` in the folder `LIGHTTREE_REFERENCES`; without them there is no error column.
+//!
+//! Ratios are against the mean of lightcuts taken just before and just after, because a machine's clock
+//! changes within minutes; times are the processor's, of all threads, of which there is one.
 
 use std::path::{Path, PathBuf};
 
@@ -26,17 +29,17 @@ use crate::settings::Settings;
 use crate::shot::{Gi, Left, Plan, Prepared, Stage};
 use crate::{report, source};
 
-/// Pixels of a side; the paper has 1024.
-const SIZE: u32 = 512;
+/// Pixels of a row and of a column where nobody says otherwise; the paper has 1024.
+const SIZE: (u32, u32) = (512, 512);
 
 /// Pixels that `brute` was asked for.
 const JUDGED: usize = 250;
 
-/// Pixels by which a whole `lightcut` is timed: drawn by the seed, one in 64.
+/// Pixels by which a whole `lightcut` is timed, drawn by the seed.
 const TIMED: usize = 4096;
 
 /// Side of the pictures that are compared by eye (FLIP), with a whole picture by `lightcut`.
-const SEEN: u32 = 128;
+const SEEN: (u32, u32) = (128, 128);
 
 /// What is measured: a method, its dials, and a name.
 const MODES: [(&str, &[&str], &str); 6] = [
@@ -63,6 +66,7 @@ struct Table {
     rays: SceneRays,
     camera: Camera,
     material: String,
+    size: (u32, u32),
     reference: Option<Film>,
 }
 
@@ -84,12 +88,24 @@ impl Table {
         let scene = source::load(file.to_str().unwrap(), mode).unwrap().0;
         let camera = source::camera(&scene, &settings).unwrap();
         let rays = SceneRays::build(&scene).unwrap();
+        let size = std::env::var("LIGHTTREE_SIZE").map_or(SIZE, |size| {
+            let (width, height) = size.split_once('x').expect("write widthxheight");
+            (width.parse().expect("a number of pixels"), height.parse().expect("a number of pixels"))
+        });
         let kind = material.split(':').next().unwrap_or_default();
         let reference = std::env::var("LIGHTTREE_REFERENCES").ok().map(|folder| {
             let file = Path::new(&folder).join(format!("{name}-{kind}.exr"));
-            report::reference(&file, (SIZE, SIZE)).unwrap()
+            report::reference(&file, size).unwrap()
         });
-        Some(Self { name: what.to_owned(), scene, rays, camera, material: material.to_owned(), reference })
+        Some(Self {
+            name: what.to_owned(),
+            scene,
+            rays,
+            camera,
+            material: material.to_owned(),
+            size,
+            reference,
+        })
     }
 
     fn stage(&self) -> Stage<'_> {
@@ -107,12 +123,11 @@ impl Table {
         &self,
         prepared: &Prepared<'_>,
         plan: &Plan,
-        size: u32,
+        (width, height): (u32, u32),
         pixels: Option<usize>,
         left: &mut Left,
     ) -> (Rendered, f64) {
-        let params =
-            RenderParams { width: size, height: size, threads: 1, pixels, ..RenderParams::default() };
+        let params = RenderParams { width, height, threads: 1, pixels, ..RenderParams::default() };
         let start = processor_seconds();
         let rendered = self.stage().render_after(plan, prepared, &params, &(), left).unwrap();
         (rendered, processor_seconds() - start)
@@ -141,8 +156,8 @@ impl Table {
         let mut worst: Vec<usize> = (0..mask.len()).filter(|&i| mask[i]).collect();
         worst.sort_by(|&a, &b| off(b).abs().total_cmp(&off(a).abs()));
         for &i in &worst[..count.min(worst.len())] {
-            let (x, y, truth) =
-                (i % SIZE as usize, i / SIZE as usize, reference.pixels[i].element_sum() / 3.0);
+            let width = self.size.0 as usize;
+            let (x, y, truth) = (i % width, i / width, reference.pixels[i].element_sum() / 3.0);
             eprintln!("    pixel {x}, {y}: {truth:.4} is off by {:.4}", off(i));
         }
     }
@@ -184,6 +199,69 @@ fn processor_seconds() -> f64 {
     seconds(usage.user_time()) + seconds(usage.system_time())
 }
 
+/// What a point of `lightcut` takes, asked again and again.
+struct Yardstick<'a> {
+    table: &'a Table,
+    prepared: &'a Prepared<'a>,
+    plan: Plan,
+    /// Seconds of a point.
+    last: f64,
+    /// Least and largest so far.
+    range: (f64, f64),
+}
+
+impl<'a> Yardstick<'a> {
+    /// Takes it for the first time.
+    fn new(table: &'a Table, prepared: &'a Prepared<'a>) -> Self {
+        let plan = table.plan("lightcut", &[]);
+        let mut yardstick = Self { table, prepared, plan, last: 0.0, range: (f64::INFINITY, 0.0) };
+        let timed = yardstick.measure();
+        eprintln!(
+            "{}",
+            row("lightcut", &timed, yardstick.last * timed.counts.samples as f64, yardstick.last)
+        );
+        yardstick
+    }
+
+    fn measure(&mut self) -> Rendered {
+        let Self { table, prepared, plan, .. } = self;
+        let (timed, seconds) = table.take(prepared, plan, table.size, Some(TIMED), &mut Left::default());
+        self.last = seconds / timed.counts.samples as f64;
+        self.range = (self.range.0.min(self.last), self.range.1.max(self.last));
+        timed
+    }
+
+    /// Runs `what`, and says what a point of `lightcut` took meanwhile: the mean of before and after.
+    fn beside<T>(&mut self, what: impl FnOnce() -> T) -> (T, f64) {
+        let before = self.last;
+        let result = what();
+        self.measure();
+        (result, 0.5 * (before + self.last))
+    }
+}
+
+impl Drop for Yardstick<'_> {
+    fn drop(&mut self) {
+        let (least, largest) = self.range;
+        eprintln!("lightcut took {:.1} to {:.1} us a point", 1e6 * least, 1e6 * largest);
+    }
+}
+
+/// Most nodes with which a lightcut takes `seconds` a point.
+fn nodes_for_equal_time(table: &Table, prepared: &Prepared<'_>, seconds: f64) -> u32 {
+    let takes = |nodes: u32| {
+        let plan = table.plan("lightcut", &[&format!("max_nodes={nodes}")]);
+        let (timed, seconds) = table.take(prepared, &plan, table.size, Some(2 * TIMED), &mut Left::default());
+        seconds / timed.counts.samples as f64
+    };
+    let (mut low, mut high) = (1, 1024);
+    while high - low > 1 + low / 32 {
+        let middle = (low + high) / 2;
+        *(if takes(middle) > seconds { &mut high } else { &mut low }) = middle;
+    }
+    low
+}
+
 fn row(name: &str, rendered: &Rendered, seconds: f64, of: f64) -> String {
     let counts = &rendered.counts;
     let points = counts.samples as f64;
@@ -211,20 +289,10 @@ fn table_of_modes() {
         let lightcut = table.plan("lightcut", &[]);
         let mut none = Left::default();
         eprintln!("== {}", table.name);
-        let (judged, _) = table.take(&prepared, &lightcut, SIZE, Some(JUDGED), &mut none);
+        let (judged, _) = table.take(&prepared, &lightcut, table.size, Some(JUDGED), &mut none);
         let mask = judged.mask.clone().unwrap();
-        let (timed, seconds) = table.take(&prepared, &lightcut, SIZE, Some(TIMED), &mut none);
-        let each = seconds / timed.counts.samples as f64;
-        eprintln!("{}", row("lightcut", &timed, each * timed.counts.samples as f64, each));
+        let mut yardstick = Yardstick::new(&table, &prepared);
         eprintln!("error lightcut | {}", table.error(&judged.film, &mask));
-        for nodes in std::env::var("LIGHTTREE_NODES").iter().flat_map(|nodes| nodes.split(',')) {
-            let few = table.plan("lightcut", &[&format!("max_nodes={nodes}")]);
-            let (judged, _) = table.take(&prepared, &few, SIZE, Some(JUDGED), &mut none);
-            let (timed, seconds) = table.take(&prepared, &few, SIZE, Some(TIMED), &mut none);
-            let name = format!("lightcut of {nodes}");
-            eprintln!("{}", row(&name, &timed, seconds, each));
-            eprintln!("error {name} | {}", table.error(&judged.film, &mask));
-        }
         let only = std::env::var("LIGHTTREE_MODES");
         for (method, dials, name) in MODES {
             let wanted = match &only {
@@ -235,10 +303,12 @@ fn table_of_modes() {
                 continue;
             }
             let plan = table.plan(method, dials);
-            let (whole, seconds) = table.take(&prepared, &plan, SIZE, None, &mut Left::default());
+            let whole = || table.take(&prepared, &plan, table.size, None, &mut Left::default());
+            let ((whole, seconds), each) = yardstick.beside(whole);
             eprintln!("{}", row(name, &whole, seconds, each));
             eprintln!("error {name} | {}", table.error(&whole.film, &mask));
         }
+        drop(yardstick);
         if only.is_ok() {
             continue;
         }
@@ -246,36 +316,50 @@ fn table_of_modes() {
         // The error of `recon` on the same pixels; whose time is taken from small pictures, because blocks
         // that are divided down to single pixels take as long as a lightcut.
         let recon = table.plan("recon", &[]);
-        let (judged, _) = table.take(&prepared, &recon, SIZE, Some(JUDGED), &mut none);
+        let (judged, _) = table.take(&prepared, &recon, table.size, Some(JUDGED), &mut none);
         eprintln!("error recon | {}", table.error(&judged.film, &mask));
+        small_pictures(&table, &prepared);
+    }
+}
 
-        // Small pictures, for the eye.
-        let (seen, seconds) = table.take(&prepared, &lightcut, SEEN, None, &mut none);
-        eprintln!("{}", row("lightcut, small", &seen, seconds, each));
-        let stops = scene::auto_exposure(&seen.film);
-        table.keep("lightcut", &seen.film, stops);
-        let each = seconds / seen.counts.samples as f64;
-        let modes = MODES.into_iter().filter(|(.., name)| !name.ends_with(UNGUARDED));
-        for (method, dials, name) in modes.chain([("recon", &[][..], "recon")]) {
-            let plan = table.plan(method, dials);
-            let (small, seconds) = table.take(&prepared, &plan, SEEN, None, &mut Left::default());
-            let flip = compare(&small.film, &seen.film, None).unwrap().flip.unwrap_or(f64::NAN);
-            eprintln!("FLIP {flip:.4} {}", row(&format!("{name}, small"), &small, seconds, each));
-            table.keep(name, &small.film, stops);
-            table.keep(&format!("{name}-off"), &off_by(&small.film, &seen.film), 1.0);
-        }
-        if std::env::var("LIGHTTREE_MAPS").is_ok() {
-            for shown in ["records", "weights", "cut-size", "visibility"] {
-                let plan = table.plan("cutinterp-vis", &[&format!("show={shown}")]);
-                let (small, _) = table.take(&prepared, &plan, SEEN, None, &mut Left::default());
-                table.keep(shown, &small.film, 0.0);
-            }
+/// Small pictures by all modes, for the eye: how much they differ from a whole picture by `lightcut`.
+#[test]
+#[ignore = "some minutes a scene"]
+fn table_of_small_pictures() {
+    for table in scenes() {
+        let prepared = table.stage().prepare(&table.plan("cutinterp", &[])).unwrap();
+        eprintln!("== {}", table.name);
+        small_pictures(&table, &prepared);
+    }
+}
+
+fn small_pictures(table: &Table, prepared: &Prepared<'_>) {
+    let lightcut = table.plan("lightcut", &[]);
+    let (seen, seconds) = table.take(prepared, &lightcut, SEEN, None, &mut Left::default());
+    let each = seconds / seen.counts.samples as f64;
+    eprintln!("{}", row("lightcut, small", &seen, seconds, each));
+    let stops = scene::auto_exposure(&seen.film);
+    table.keep("lightcut", &seen.film, stops);
+    let modes = MODES.into_iter().filter(|(.., name)| !name.ends_with(UNGUARDED));
+    for (method, dials, name) in modes.chain([("recon", &[][..], "recon")]) {
+        let plan = table.plan(method, dials);
+        let (small, seconds) = table.take(prepared, &plan, SEEN, None, &mut Left::default());
+        let flip = compare(&small.film, &seen.film, None).unwrap().flip.unwrap_or(f64::NAN);
+        eprintln!("FLIP {flip:.4} {}", row(&format!("{name}, small"), &small, seconds, each));
+        table.keep(name, &small.film, stops);
+        table.keep(&format!("{name}-off"), &off_by(&small.film, &seen.film), 1.0);
+    }
+    if std::env::var("LIGHTTREE_MAPS").is_ok() {
+        for shown in ["records", "weights", "cut-size", "visibility"] {
+            let plan = table.plan("cutinterp-vis", &[&format!("show={shown}")]);
+            let (small, _) = table.take(prepared, &plan, SEEN, None, &mut Left::default());
+            table.keep(shown, &small.film, 0.0);
         }
     }
 }
 
 /// What dials are worth: each row of `LIGHTTREE_DIALS` (between semicolons) is a method and its dials,
-/// between spaces.
+/// between spaces; `equal-time` is a lightcut of as many nodes as fit in the time of the row before.
 #[test]
 #[ignore = "some minutes a scene"]
 fn curve_of_speed() {
@@ -283,23 +367,27 @@ fn curve_of_speed() {
         let prepared = table.stage().prepare(&table.plan("cutinterp", &[])).unwrap();
         let lightcut = table.plan("lightcut", &[]);
         eprintln!("== {}", table.name);
-        let (judged, _) = table.take(&prepared, &lightcut, SIZE, Some(JUDGED), &mut Left::default());
+        let (judged, _) = table.take(&prepared, &lightcut, table.size, Some(JUDGED), &mut Left::default());
         let mask = judged.mask.clone().unwrap();
-        let (timed, seconds) = table.take(&prepared, &lightcut, SIZE, Some(TIMED), &mut Left::default());
-        let each = seconds / timed.counts.samples as f64;
-        eprintln!("{} | {}", row("lightcut", &timed, seconds, each), table.error(&judged.film, &mask));
+        let mut yardstick = Yardstick::new(&table, &prepared);
+        eprintln!("    | {}", table.error(&judged.film, &mask));
         let rows = std::env::var("LIGHTTREE_DIALS").unwrap_or_else(|_| "cutinterp-vis".to_owned());
+        let mut last = 0.0;
         for dials in rows.split(';') {
+            let tuned = (dials == "equal-time").then(|| nodes_for_equal_time(&table, &prepared, last));
+            let dials = tuned.map_or(dials.to_owned(), |nodes| format!("lightcut max_nodes={nodes}"));
             let parts: Vec<_> = dials.split(' ').collect();
             let plan = table.plan(parts[0], &parts[1..]);
             // Lightcuts of any fineness are for equal time.
             let pixels = (parts[0] == "lightcut").then_some(TIMED);
-            let (whole, seconds) = table.take(&prepared, &plan, SIZE, pixels, &mut Left::default());
+            let whole = || table.take(&prepared, &plan, table.size, pixels, &mut Left::default());
+            let ((whole, seconds), each) = yardstick.beside(whole);
+            last = seconds / whole.counts.samples as f64;
             let judged = match pixels {
-                Some(_) => table.take(&prepared, &plan, SIZE, Some(JUDGED), &mut Left::default()).0,
+                Some(_) => table.take(&prepared, &plan, table.size, Some(JUDGED), &mut Left::default()).0,
                 None => whole.clone(),
             };
-            eprintln!("{} | {}", row(dials, &whole, seconds, each), table.error(&judged.film, &mask));
+            eprintln!("{} | {}", row(&dials, &whole, seconds, each), table.error(&judged.film, &mask));
         }
     }
 }
@@ -310,8 +398,13 @@ fn curve_of_speed() {
 fn curve_of_adaptive_visibility() {
     for table in scenes() {
         let prepared = table.stage().prepare(&table.plan("cutinterp", &[])).unwrap();
-        let (judged, _) =
-            table.take(&prepared, &table.plan("lightcut", &[]), SIZE, Some(JUDGED), &mut Left::default());
+        let (judged, _) = table.take(
+            &prepared,
+            &table.plan("lightcut", &[]),
+            table.size,
+            Some(JUDGED),
+            &mut Left::default(),
+        );
         let mask = judged.mask.clone().unwrap();
         eprintln!("== {}\nlightcut | {}", table.name, table.error(&judged.film, &mask));
         let mut left = Left::default();
@@ -322,7 +415,7 @@ fn curve_of_adaptive_visibility() {
             if !dials.iter().all(|dial| about_points.iter().any(|name| dial.starts_with(name))) {
                 left = Left::default();
             }
-            let (taken, _) = table.take(&prepared, &plan, SIZE, Some(JUDGED), &mut left);
+            let (taken, _) = table.take(&prepared, &plan, table.size, Some(JUDGED), &mut left);
             let rays = taken.counts.shadow_rays as f64 / taken.counts.samples as f64;
             eprintln!("{dials:?}: {rays:.0} rays | {}", table.error(&taken.film, &mask));
         };

@@ -208,6 +208,52 @@ fn few_lamps_are_asked_by_every_point() {
     assert!(error < 1e-6, "{error}");
 }
 
+/// A floor under a large lamp and a plate that takes half of its light away, and so many dim triangles that
+/// lamps are many.
+fn many_lamps() -> Scene {
+    let mut scene = Scene::default();
+    let mut add = |corners: &[[Vec3; 3]], emissive: f32| {
+        let mut mesh = Mesh { material: scene.materials.len() as u32, ..Mesh::default() };
+        for (i, &corners) in (0..).zip(corners) {
+            let [a, b, c] = corners;
+            mesh.positions.extend(corners);
+            mesh.normals.extend([(b - a).cross(c - a).normalize(); 3]);
+            mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+        }
+        scene.instances.push(Instance { mesh: scene.meshes.len() as u32, to_world: Affine3A::IDENTITY });
+        scene.meshes.push(mesh);
+        let (base_color, emissive) = (Vec3::splat(0.5), Vec3::splat(emissive));
+        scene.materials.push(Material { base_color, emissive, ..Material::default() });
+    };
+    let quad = |corner: Vec3, u: Vec3, v: Vec3| {
+        [[corner, corner + u, corner + u + v], [corner, corner + u + v, corner + v]]
+    };
+    add(&quad(Vec3::ZERO, Vec3::Z, Vec3::X), 0.0);
+    add(&quad(Vec3::new(0.0, 0.3, 0.0), 0.5 * Vec3::Z, 0.5 * Vec3::X), 0.0);
+    add(&quad(Vec3::new(0.0, 0.6, 0.0), Vec3::X, Vec3::Z), 1.0);
+    let dim = |i: u32| {
+        let corner = Vec3::new(0.01 * i as f32, 0.5, 2.0);
+        [corner, corner + 0.001 * Vec3::X, corner + 0.001 * Vec3::Z]
+    };
+    add(&(0..80).map(dim).collect::<Vec<_>>(), 1e-3);
+    scene.add_emissive_triangles();
+    let middle = Vec3::new(0.5, 0.0, 0.5);
+    scene.cameras.push(Camera::look_at("side", middle + Vec3::new(0.0, 0.25, 1.2), middle, Vec3::Y, 0.6));
+    scene
+}
+
+/// Where lamps are many, no record leaves out one that is near to it, whatever it sees of it: what points
+/// there ask themselves has sharp shadows.
+#[test]
+fn near_lamps_are_asked_by_every_point_where_lamps_are_many() {
+    let scene = many_lamps();
+    assert!(scene.lights.len() > scene::BruteForce::OWN_POINTS);
+    let set = Box::of(scene, Gi::None);
+    let [interpolated, brute] = ["cutinterp-vis", "brute"].map(|method| set.picture(method, &[]));
+    let error = relmse(&interpolated, &brute);
+    assert!(error < 1e-6, "{error}");
+}
+
 /// One place on a triangle that fills a part of the sky says little: without more of them single pixels are
 /// off by as much as they have.
 #[test]

@@ -7,7 +7,9 @@
 //! The baseline is the radix sort of the perfect tree's own keys, 30 bits of Morton code above 32 bits of
 //! light id. The standard library's unstable sort of the same array stands beside it, to show that the
 //! baseline is a fast one. "first touch" is what no builder can do without: writing 64 bytes a light to
-//! memory that the kernel has yet to hand out, by as many threads as build.
+//! memory that the kernel has yet to hand out, by as many threads as build. "moved" is what is left to do
+//! without where the memory is last frame's: each light read once for its bounds, and once more, in the
+//! order of the leaves, to be written as 64 bytes; nothing is computed.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -52,6 +54,27 @@ fn first_touch(count: usize) -> Vec<[u64; 8]> {
         }
     });
     nodes
+}
+
+/// Reads all lights in order, and then in the order of `keys`, to write 64 bytes for each.
+fn moved(lights: &[LightBounds], keys: &[u64], nodes: &mut [[f32; 16]]) -> f32 {
+    let part = keys.len().div_ceil(rayon::current_num_threads());
+    let sum = |lights: &[LightBounds]| -> f32 { lights.iter().map(|light| light.min.x).sum() };
+    let (low, high) = lights.split_at(part.min(lights.len()));
+    let (low, high) = rayon::join(|| sum(low), || sum(high));
+    rayon::scope(|scope| {
+        for (nodes, keys) in nodes.chunks_mut(part).zip(keys.chunks(part)) {
+            scope.spawn(move |_| {
+                for (node, &key) in nodes.iter_mut().zip(keys) {
+                    let light = &lights[key as u32 as usize];
+                    let ([a, b, c], [d, e, f]) = (light.min.to_array(), light.max.to_array());
+                    let ([g, h, i], j) = (light.axis.to_array(), light.intensity);
+                    *node = [a, b, c, d, e, f, g, h, i, j, a, b, c, d, e, f];
+                }
+            });
+        }
+    });
+    low + high
 }
 
 /// Keys as the perfect tree sorts them, but for the code, which is random: no sort here looks at more than
@@ -116,6 +139,13 @@ fn table() {
         row("rebuilt", rebuilt(&lights, repeats));
         row("points rebuilt", rebuilt(&points, repeats));
         row("first touch", least(repeats, || (), |()| first_touch(count)));
+        let (order, mut nodes) = (radix(keys(count)), vec![[0.0; 16]; count]);
+        let mut once = || {
+            let start = Instant::now();
+            black_box(moved(black_box(&lights), &order, &mut nodes));
+            start.elapsed().as_secs_f64()
+        };
+        row("moved", (0..repeats).map(|_| once()).fold(f64::MAX, f64::min));
         row("radix sort", least(repeats, || keys(count), radix));
         row("sort_unstable", least(repeats, || keys(count), unstable));
         if count <= 1_000_000 {

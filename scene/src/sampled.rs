@@ -6,6 +6,7 @@ use lighttree::rng::{Decisions, Random};
 use lighttree::{LightHierarchy, LightId, LightSample, LightSampler, Segment, TreeSampler, WalkFrom, Walks};
 
 use crate::film::luminance;
+use crate::light::LightPoint;
 use crate::render::{Counts, DirectLighting, Frame};
 use crate::shading::{Geometry, Purpose, ShadingPoint};
 
@@ -60,8 +61,8 @@ pub trait DrawLights: Sync {
     }
 
     /// What the light that was drawn with `tag` gives without shadows, as luminance, W·m⁻²·sr⁻¹ and without
-    /// its weight, and whether it is seen. Told in the order of draws, after all draws of these points or
-    /// earlier, and only of lights that give anything.
+    /// its weight, and whether it is seen. Told after all draws of these points or earlier, of a point's lights
+    /// without an area first, otherwise in the order of draws, and only of lights that give anything.
     fn learn(&self, tag: Self::Tag, unoccluded: f32, visible: bool, scratch: &mut Self::Scratch) {
         let _ = (tag, unoccluded, visible, scratch);
     }
@@ -243,6 +244,7 @@ pub struct Drawn<D>(pub D);
 #[derive(Debug)]
 pub struct DrawnScratch<D: DrawLights> {
     draws: D::Scratch,
+    surfaces: Vec<Draw<D::Tag>>,
     pending: Vec<Pending<D::Tag>>,
     segments: Vec<Segment>,
     occluded: Vec<bool>,
@@ -250,7 +252,13 @@ pub struct DrawnScratch<D: DrawLights> {
 
 impl<D: DrawLights> Default for DrawnScratch<D> {
     fn default() -> Self {
-        Self { draws: D::Scratch::default(), pending: Vec::new(), segments: Vec::new(), occluded: Vec::new() }
+        Self {
+            draws: D::Scratch::default(),
+            surfaces: Vec::new(),
+            pending: Vec::new(),
+            segments: Vec::new(),
+            occluded: Vec::new(),
+        }
     }
 }
 
@@ -287,40 +295,47 @@ impl<Q: Geometry, D: DrawLights> DirectLighting<Q> for Drawn<D> {
         radiance: &mut [DVec3],
         counts: &mut Counts,
     ) {
-        let DrawnScratch { draws, pending, segments, .. } = scratch;
+        let DrawnScratch { draws, surfaces, pending, segments, .. } = scratch;
         self.0.begin_points(points, frame.light_seed, draws, counts);
         for (index, point) in points.iter().enumerate() {
             let mut random = Decisions::starting_with(0, point.random(frame.light_seed, Purpose::Lights));
-            let mut evaluated = 0;
-            self.0.draw(points, index, &mut random, draws, counts, |draw, random| {
-                let light = &frame.lights[draw.light.0 as usize];
-                evaluated += 1;
-                if light.is_turned_away(point.position, point.geometric_normal) {
-                    return;
-                }
-                // A point on it, if that can matter.
-                let at = if light.is_point() {
-                    [0.0; 2]
-                } else {
-                    let numbers = random.stream();
-                    [numbers.f32(), numbers.f32()]
-                };
-                let at = light.point(frame.scene, at, point.position);
-
-                // Note what it gives if nothing is between.
-                let (value, lost) = point.clamped_contribution(&at, frame.vpl_clamp);
+            // Notes what a point on a drawn light gives if nothing is between.
+            let mut note = |draw: Draw<D::Tag>, at: &LightPoint| {
+                let (value, lost) = point.clamped_contribution(at, frame.vpl_clamp);
                 if value != Vec3::ZERO {
-                    pending.push(Pending {
-                        point: index,
-                        value,
-                        lost,
-                        weight: draw.weight as f32,
-                        tag: draw.tag,
-                    });
-                    segments.push(point.segment(&at));
+                    let weight = draw.weight as f32;
+                    pending.push(Pending { point: index, value, lost, weight, tag: draw.tag });
+                    segments.push(point.segment(at));
+                }
+            };
+            let mut evaluated = 0;
+            surfaces.clear();
+            self.0.draw(points, index, &mut random, draws, counts, |draw, _| {
+                evaluated += 1;
+                let light = &frame.lights[draw.light.0 as usize];
+                if light.is_point() {
+                    note(draw, &light.point(frame.scene, [0.0; 2], point.position));
+                } else {
+                    surfaces.push(draw);
                 }
             });
             counts.light_evaluations += evaluated;
+
+            // Surfaces that cannot matter are dropped all in a row, so that their memory is fetched side by
+            // side and no branch has to foretell which they are. The rest need a place on each.
+            let mut kept = 0;
+            for i in 0..surfaces.len() {
+                let light = &frame.lights[surfaces[i].light.0 as usize];
+                let away = light.is_turned_away(point.position, point.geometric_normal);
+                surfaces[kept] = surfaces[i];
+                kept += usize::from(!away);
+            }
+            for &draw in &surfaces[..kept] {
+                let light = &frame.lights[draw.light.0 as usize];
+                let numbers = random.stream();
+                let at = light.point(frame.scene, [numbers.f32(), numbers.f32()], point.position);
+                note(draw, &at);
+            }
         }
         scratch.settle(&self.0, frame, points, rays, radiance, counts);
     }

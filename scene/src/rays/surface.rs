@@ -194,6 +194,7 @@ impl Surfaces {
 ///
 /// Coordinates in the mesh's own space may be up to 8 times those in the world; a mesh modelled farther from
 /// its own origin than that is beyond it where it is in a tree of two levels.
+#[inline]
 pub(crate) fn error_in_world(corners: &[Vec3; 3], double_area: f64) -> f32 {
     let coordinate = corners.iter().fold(0.0f32, |m, p| m.max(p.abs().max_element()));
     ROUNDINGS_TWO_LEVEL * f32::EPSILON * (16.0 * coordinate + ill_conditioned(corners, double_area))
@@ -201,6 +202,7 @@ pub(crate) fn error_in_world(corners: &[Vec3; 3], double_area: f64) -> f32 {
 
 /// Longest edge times slenderness: how far the weights of a thin triangle may carry a point along it, in
 /// roundings.
+#[inline]
 fn ill_conditioned(corners: &[Vec3; 3], double_area: f64) -> f32 {
     let [a, b, c] = corners.map(|p| p.as_dvec3());
     let squared = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());

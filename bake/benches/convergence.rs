@@ -5,7 +5,7 @@
 //! scene before the edit. Clusters by invalid flux, clusters first in, first out, and a bake from scratch. A
 //! line for each, and the curves as SVG into the folder named after `--svg`. `--quick` runs a small one;
 //! `--watch 64` says so many points of what is looked at, `--blind` none, `--why` what became of lights and
-//! how few changes would do, `--points` where the curves are, `--least 0.5` sets the least share of
+//! how few changes would do, `--scene museum` runs one of them, `--points` where the curves are, `--least 0.5` sets the least share of
 //! validation.
 
 mod common;
@@ -37,8 +37,8 @@ struct Options {
     blind: bool,
     /// The least share of validation.
     least: f64,
-    /// Pixels of the view that are said to be looked at.
-    watch: (u32, u32),
+    /// How many points of the view are said to be looked at.
+    watch: u32,
 }
 
 /// Error over initial error after so many accumulations.
@@ -91,7 +91,7 @@ fn measure((name, lights, paths, clusters, size): Run, options: Options) -> Vec<
     if options.why {
         print!("{name}\n{}", spending::borders(&start.contributions().cloned().collect::<Vec<_>>()));
     }
-    EDITS.iter().map(|edit| case(edit, &start, &host, &view, budget, options)).collect()
+    EDITS.iter().map(|edit| case(edit, &start, &host, &view, (budget, size), options)).collect()
 }
 
 fn case(
@@ -99,7 +99,7 @@ fn case(
     start: &Baker,
     before: &Host,
     seen: &View,
-    budget: StepBudget,
+    (budget, size): (StepBudget, (u32, u32)),
     options: Options,
 ) -> Case {
     let run = |order: UpdateOrder| -> (Curve, Baker, Host) {
@@ -107,9 +107,8 @@ fn case(
         let mut baker = start.clone();
         baker.set_order(order);
         if !options.blind {
-            // What is looked at is not what the error is taken of: the same camera, but other pixels.
-            let points = View::new(before.now(), options.watch).points;
-            baker.watch(&points).unwrap();
+            // What is looked at is not what the error is taken of: the same camera, but other points.
+            baker.watch(&common::spread(before.now(), size, options.watch)).unwrap();
             // One look at what is baked, before it changes.
             baker.step(StepBudget { paths: 0, accumulations: 0 }, &host.trace(), &mut |_| {});
         }
@@ -166,14 +165,11 @@ fn main() {
     let least = args.iter().position(|arg| arg == "--least").and_then(|i| args.get(i + 1)?.parse().ok());
     let asked = |name: &str| args.iter().any(|arg| arg == name);
     let watch = args.iter().position(|arg| arg == "--watch").and_then(|i| args.get(i + 1)?.parse().ok());
-    // Of 16 by 9.
-    let rows = |points: u32| ((f64::from(points) * 9.0 / 16.0).sqrt() as u32).max(1);
-    let pixels = |points: u32| (points / rows(points), rows(points));
     let options = Options {
         why: asked("--why"),
         blind: asked("--blind"),
         least: least.unwrap_or(0.5),
-        watch: pixels(watch.unwrap_or(1008)),
+        watch: watch.unwrap_or(4096),
     };
     let svg = args.iter().position(|arg| arg == "--svg").and_then(|i| args.get(i + 1));
     let scenes: &[Run] = if quick {
@@ -189,7 +185,10 @@ fn main() {
         "{:<11}{:<18}{:>9}{:>11}{:>9}{:>11}{:>8}{:>10}{:>10}",
         "scene", "edit", "to 10 %", "fifo 10 %", "scratch", "scratch/x", "area x", "all", "per update"
     );
-    for &(name, lights, paths, clusters, size) in scenes {
+    let only = args.iter().position(|arg| arg == "--scene").and_then(|i| args.get(i + 1));
+    for &(name, lights, paths, clusters, size) in
+        scenes.iter().filter(|run| only.is_none_or(|only| only == run.0))
+    {
         let cases = measure((name, lights, paths, clusters, size), options);
         for case in &cases {
             let end = case.by_flux.last().unwrap().0.max(case.in_order.last().unwrap().0);

@@ -36,10 +36,25 @@ pub(crate) struct Views {
     baked: Vec<f32>,
     /// As the same lights would be now.
     now: Vec<f32>,
-    /// Of each light, which points see it now: a bit each, in words of 64 points.
-    masks: Vec<u64>,
+    /// Which points see each light, in the order of lights.
+    lights: Vec<Seen>,
     /// What "now" is.
     version: GeometryVersion,
+}
+
+/// Which points see a light: a bit each, in words of 64 points.
+#[derive(Clone, Debug)]
+pub(crate) struct Seen {
+    /// When it was baked.
+    then: Box<[u64]>,
+    now: Box<[u64]>,
+}
+
+impl Seen {
+    /// Baked now.
+    pub(crate) fn renewed(&self) -> Self {
+        Self { then: self.now.clone(), now: self.now.clone() }
+    }
 }
 
 /// What of a cluster is out of date, in units of flux.
@@ -54,19 +69,14 @@ pub(crate) struct Invalid<'a> {
 }
 
 /// The most points that are looked at, whatever a cluster takes for each of them.
-const MOST_POINTS: usize = 1024;
+const MOST_POINTS: usize = 4096;
 /// The most points of all clusters together, eight bytes each.
 const MOST_VIEWS: usize = 1 << 23;
 
 impl Views {
-    /// Irradiance at each point as it is baked.
-    pub(crate) fn baked(&self) -> &[f32] {
-        &self.baked
-    }
-
-    /// What the shadows of now change at each point.
-    pub(crate) fn changes(&self) -> impl Iterator<Item = f32> {
-        self.now.iter().zip(&self.baked).map(|(now, baked)| now - baked)
+    /// Which points see each light, in the order of lights.
+    pub(crate) fn lights(&self) -> &[Seen] {
+        &self.lights
     }
 }
 
@@ -88,6 +98,53 @@ impl Attention {
         self.moved.clear();
     }
 
+    /// What is known of lights that were looked at, put together anew.
+    pub(crate) fn assemble(
+        &self,
+        lights: &[Contribution],
+        seen: Vec<Seen>,
+        version: GeometryVersion,
+    ) -> Option<Box<Views>> {
+        if self.points.is_empty() || lights.is_empty() {
+            return None;
+        }
+        let none = vec![0.0; self.points.len()];
+        let mut views = Views { baked: none.clone(), now: none, lights: Vec::new(), version };
+        for (contribution, seen) in lights.iter().zip(seen) {
+            self.put_in(&mut views, &contribution.light, seen);
+        }
+        Some(Box::new(views))
+    }
+
+    /// One light more, the last.
+    pub(crate) fn put_in(&self, views: &mut Views, light: &VirtualLight, seen: Seen) {
+        self.shine(light, &seen.then, |i, irradiance| views.baked[i] += irradiance);
+        self.shine(light, &seen.now, |i, irradiance| views.now[i] += irradiance);
+        views.lights.push(seen);
+    }
+
+    /// The light of this number is none of the cluster's any more; those after it move up.
+    pub(crate) fn take_out(&self, views: &mut Views, number: usize, light: &VirtualLight) {
+        let seen = views.lights.remove(number);
+        self.shine(light, &seen.then, |i, irradiance| views.baked[i] -= irradiance);
+        self.shine(light, &seen.now, |i, irradiance| views.now[i] -= irradiance);
+    }
+
+    /// What a light is for the points that saw it when it was baked.
+    pub(crate) fn shine_as_baked(&self, light: &VirtualLight, seen: &Seen, to: impl FnMut(usize, f32)) {
+        self.shine(light, &seen.then, to);
+    }
+
+    fn shine(&self, light: &VirtualLight, mask: &[u64], mut to: impl FnMut(usize, f32)) {
+        for (i, &point) in self.points.iter().enumerate() {
+            if mask[i / 64] >> (i % 64) & 1 != 0
+                && let Some(incident) = incident_at(light, i, point)
+            {
+                to(i, mean(incident.irradiance));
+            }
+        }
+    }
+
     /// How many points are looked at.
     pub(crate) const fn points(&self) -> usize {
         self.points.len()
@@ -104,10 +161,12 @@ impl Attention {
             return None;
         }
         let none = vec![0.0; self.points.len()];
-        let masks = vec![0; lights.len() * self.words()];
-        let mut views = Views { baked: Vec::new(), now: none, masks, version };
+        let dark: Box<[u64]> = vec![0; self.points.len().div_ceil(u64::BITS as usize)].into();
+        let unseen = vec![Seen { then: dark.clone(), now: dark }; lights.len()];
+        let mut views = Views { baked: Vec::new(), now: none, lights: unseen, version };
         self.ask(&mut views, lights, trace, |_| true);
         views.baked.clone_from(&views.now);
+        views.lights.iter_mut().for_each(|seen| seen.then.clone_from(&seen.now));
         Some(Box::new(views))
     }
 
@@ -125,11 +184,6 @@ impl Attention {
         self.ask(views, lights, trace, |&(from, to)| {
             moved.iter().any(|(_, bounds)| crosses(bounds, from, to, false))
         });
-    }
-
-    /// Words of 64 points.
-    const fn words(&self) -> usize {
-        self.points.len().div_ceil(u64::BITS as usize)
     }
 
     /// Asks whether points see lights, and changes the views by what is seen otherwise than before.
@@ -161,10 +215,10 @@ impl Attention {
             // Nearly at the light is at it: it lies just off its surface.
             let is_seen =
                 hit.is_none_or(|hit| hit.position.distance(self.points[i].0) >= (1.0 - 1e-3) * distance);
-            let (word, bit) = (number * self.words() + i / 64, i % 64);
-            let was_seen = views.masks[word] >> bit & 1 != 0;
+            let word = &mut views.lights[number].now[i / 64];
+            let was_seen = *word >> (i % 64) & 1 != 0;
             if is_seen != was_seen {
-                views.masks[word] ^= 1 << bit;
+                *word ^= 1 << (i % 64);
                 views.now[i] += if is_seen { irradiance } else { -irradiance };
             }
         }
@@ -290,9 +344,10 @@ impl Baker {
     /// The next [`step`](Self::step) asks a ray for each point and each baked light, as later ones do for
     /// lights that they bake or foresee; so say it before an edit, and again when the camera has moved far.
     /// A point costs about what a texel does. The more points, the less falls between them
-    /// (`docs/bake.md` has the curve); of more than 1024, or than 8 million over
-    /// [`clusters`](crate::BakeParams::clusters), as many are taken evenly. A cluster takes eight bytes for
-    /// each point, and up to eight more while its change is foreseen.
+    /// (`docs/bake.md` has the curve), and the less so where they are not in rows, which strips of shadow may
+    /// miss; of more than 4096, or than 8 million over [`clusters`](crate::BakeParams::clusters), as many are
+    /// taken evenly. A cluster takes eight bytes for each point and a quarter of one for each of its lights,
+    /// and up to eight more for each light while its change is foreseen.
     ///
     /// # Errors
     /// [`BakeError::Watched`]: a point that is not finite, or a normal that is not of unit length. Then

@@ -41,6 +41,8 @@ pub struct Baker {
     pub(crate) turns: Turns,
     pub(crate) attention: Attention,
     pub(crate) foresight: Option<Foresight>,
+    /// Paths and members that were looked at while updates wait for what is foreseen.
+    pub(crate) waited: f64,
     /// All paths were traced once.
     pub(crate) primed: bool,
     /// What a saved bake said, until paths are traced and it can be given to its clusters.
@@ -127,6 +129,7 @@ impl Baker {
             turns: Turns::default(),
             attention: Attention::default(),
             foresight: None,
+            waited: 0.0,
             primed: false,
             restored: Vec::new(),
             stats: BakeStats::default(),

@@ -66,8 +66,6 @@ pub(crate) struct State {
     absolute: i64,
     /// Not up to date.
     pub(crate) is_pending: bool,
-    /// Its members are those that it was baked with: at most its shadows are out of date.
-    pub(crate) keeps_members: bool,
     is_touched: bool,
     rank: Option<Rank>,
     urgency: Option<Urgency>,
@@ -433,12 +431,24 @@ impl Cut {
         state.flux_at_bake = forest.nodes[state.node as usize].sums.flux;
         state.absolute = 0;
         state.is_pending = false;
-        state.keeps_members = true;
         self.touch(index);
     }
 
     pub(crate) fn take_orphans(&mut self, key: (i64, u64)) -> Vec<Contribution> {
         self.orphans.remove(&key).unwrap_or_default()
+    }
+
+    /// One light of those of nodes that are no more; whether it was there.
+    pub(crate) fn take_orphan(&mut self, key: (i64, u64), light: &Contribution) -> bool {
+        let Some(lights) = self.orphans.get_mut(&key) else { return false };
+        let place = lights.iter().position(|own| own == light);
+        if let Some(place) = place {
+            lights.remove(place);
+        }
+        if lights.is_empty() {
+            self.orphans.remove(&key);
+        }
+        place.is_some()
     }
 
     pub(crate) fn add_orphans(&mut self, contributions: Vec<Contribution>, flux: i64) {
@@ -535,7 +545,6 @@ impl Goodbye for Cut {
             state.absolute = absolute;
             self.selected += 1;
         }
-        state.keeps_members = false;
         self.pend(index);
     }
 
@@ -551,7 +560,6 @@ impl Goodbye for Cut {
         if self.states[index as usize].refined {
             self.touch(index);
         } else {
-            self.states[index as usize].keeps_members = false;
             self.pend(index);
         }
     }

@@ -26,7 +26,8 @@ pub enum UpdateOrder {
     FirstInFirstOut,
 }
 
-/// Dials of a bake. All of them are part of what a saved state has to agree with.
+/// Dials of a bake. All but `skip_unaffected`, `order` and `patience` are part of what a saved state has to
+/// agree with.
 #[derive(Clone, Copy, Debug)]
 pub struct BakeParams {
     /// Everything that light may meet, now and after edits. What lies outside goes into the nearest cluster
@@ -55,6 +56,11 @@ pub struct BakeParams {
     /// The least share of accumulated lights that validate while both wait, from 0.5 (the paper's, of
     /// updates) to 1. Balancing shows less.
     pub least_validation: f64,
+    /// How long updates wait where somebody looks ([`Baker::watch`](crate::Baker::watch)) until all that will
+    /// change is known, and can come in the best order: so many times all paths and virtual point lights may
+    /// be looked at meanwhile. From 0, which is not at all. Where edits keep coming, updates wait so long
+    /// once, and then follow.
+    pub patience: f64,
     /// What is brought up to date first.
     pub order: UpdateOrder,
     /// Trace a path again only from the first segment on that crosses the box of something that changed, or
@@ -82,6 +88,7 @@ impl BakeParams {
             leaf_members: 64,
             interleave_at: 0.1,
             least_validation: 0.5,
+            patience: 1.5,
             order: UpdateOrder::InvalidFlux,
             skip_unaffected: true,
             seed: 0,
@@ -114,6 +121,7 @@ impl BakeParams {
         dial("plane_offset", "finite and above 0", self.plane_offset > 0.0 && self.plane_offset.is_finite())?;
         dial("leaf_members", "1 or more", self.leaf_members >= 1)?;
         dial("interleave_at", "between 0 and 1", self.interleave_at > 0.0 && self.interleave_at < 1.0)?;
+        dial("patience", "0 or more", self.patience >= 0.0)?;
         dial("least_validation", "0.5 to 1", (0.5..=1.0).contains(&self.least_validation))
     }
 }

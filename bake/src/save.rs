@@ -110,7 +110,8 @@ impl Baker {
     }
 
     /// The bake that [`save`](Self::save) wrote, of the same scene and with the same dials; only
-    /// [`skip_unaffected`](BakeParams::skip_unaffected) and [`order`](BakeParams::order) may differ. The host
+    /// [`skip_unaffected`](BakeParams::skip_unaffected), [`order`](BakeParams::order) and
+    /// [`patience`](BakeParams::patience) may differ. The host
     /// answers rays in the geometry of [`version`](Self::version), and knows the older ones that
     /// [`contributions`](Self::contributions) name. Whatever was under way goes on, and ends with the same
     /// bits.

@@ -8,6 +8,7 @@ use lighttree::rng::pcg4d;
 use crate::baker::Baker;
 use crate::cell::{CellRules, cell_lights};
 use crate::cut::{Balancing, Pending};
+use crate::foresight::Foresight;
 use crate::forest::Place;
 use crate::normal_code::decode;
 use crate::planes::{PlaneRules, Vpl};
@@ -22,8 +23,9 @@ pub struct StepBudget {
     /// Paths looked at; and where somebody looks ([`Baker::watch`]), once all paths are valid, virtual point
     /// lights of clusters whose new lights are foreseen.
     pub paths: usize,
-    /// Lights accumulated. The update that reaches it is finished, so that up to 9 K - 1 more may be; where
-    /// somebody looks, and clusters are parted or joined over several levels at once, up to 17 K - 1.
+    /// Lights accumulated. The update that reaches it is finished, so that up to 9 K - 1 more may be. Where
+    /// somebody looks, lights change one by one; an edit that meets clusters half parted or joined has them
+    /// brought up to date in updates of up to 33 K.
     pub accumulations: usize,
 }
 
@@ -45,7 +47,8 @@ impl Baker {
     /// does it at once, all of it.
     ///
     /// Paths of the very first bake are traced before any cluster is updated; after that both go on side by
-    /// side.
+    /// side. Where somebody looks, updates wait until it is known what will change, as far as
+    /// [`patience`](crate::BakeParams::patience) goes.
     pub fn step(
         &mut self,
         budget: StepBudget,
@@ -66,6 +69,8 @@ impl Baker {
         if self.primed {
             self.look_around(trace);
             self.foresee(budget.paths.saturating_sub(looked_at), trace);
+        }
+        if self.primed && !self.waits(budget.paths) {
             // Balancing what is not baked yet costs no light, but time.
             let mut turns = 64 + 8 * budget.accumulations;
             while progress.accumulations < budget.accumulations && turns > 0 {
@@ -84,6 +89,20 @@ impl Baker {
             && progress.updates_pending == 0
             && self.cut.next_balancing(&self.forest).is_none();
         progress
+    }
+
+    /// Whether updates wait for what is foreseen, while so many more paths or members are looked at: an order
+    /// that knows all that will change takes fewer of them. Edits that keep coming do not keep them waiting.
+    fn waits(&mut self, looked_at: usize) -> bool {
+        let is_known = self.foresight.as_ref().is_some_and(Foresight::is_complete);
+        if is_known || !self.foresees() {
+            self.waited = 0.0;
+            return false;
+        }
+        let all = self.lights.values().map(|lamp| f64::from(lamp.light.paths)).sum::<f64>()
+            + self.paths.vertex_count as f64;
+        self.waited += looked_at as f64;
+        looked_at > 0 && self.waited <= self.params.patience * all
     }
 
     /// Steps of a few thousand paths and a few dozen lights until `stop` says so, or nothing is left: for

@@ -219,3 +219,91 @@ fn watching_changes_the_order_alone() {
     assert!(blind.1 == watched.1);
     assert!(watched.0 < 0.5 * blind.0, "{} watched, {} blind", watched.0, blind.0);
 }
+
+/// What is baked, added up anew.
+fn added_up(baker: &Baker, world: &World, like: &Receivers) -> Vec<[i64; 3]> {
+    let mut sums = Receivers { sums: vec![[0; 3]; like.sums.len()], ..like.clone() };
+    sums.apply(world, &bake::Update { subtract: Vec::new(), add: baker.contributions().cloned().collect() });
+    sums.sums
+}
+
+/// Where somebody looks, lights change one by one: at every moment what is said to be baked is what is in the
+/// map, and killed there, or met by the next edit, the bake ends as one from scratch.
+#[test]
+fn lights_that_change_one_by_one_are_all_accounted_for() {
+    let (mut world, mut baker, mut receivers) = baked_room(params(0.05));
+    let start = receivers.sums.clone();
+    let points = receivers.points.clone();
+    let look = |baker: &mut Baker| baker.watch(&points).unwrap();
+    look(&mut baker);
+    let (mut moments, mut killed) = (0, 0);
+    for round in 0..10u32 {
+        let x = round as f32 * 0.4;
+        match round % 5 {
+            0 => world.put(&mut baker, 1, Some(solid([x, 0.0, -3.0], [x + 1.0, 2.0, -2.0], 0.5))),
+            1 => world.recolour(&mut baker, 0, Vec3::new(0.9, 0.1 * x, 0.3)),
+            2 => baker.set_light(LightKey(1), lamp([x, 3.9, 0.5], 90.0 + x, 2000)).unwrap(),
+            3 => world.put(&mut baker, 2, None),
+            _ => {
+                baker.remove_light(LightKey(7)).unwrap();
+                baker.add_light(LightKey(7), bulb([x - 2.0, 3.0, x], 60.0, 500 + round)).unwrap();
+            }
+        }
+        // Into the midst of the lights that are foreseen, and further each time.
+        let (mut made, most) = (0, 3 + 17 * round as usize);
+        while made < most {
+            let budget = bake::StepBudget { paths: 2000, accumulations: 1 };
+            let progress = baker.step(budget, &world.trace(), &mut |update| {
+                receivers.apply(&world, update);
+                assert!(update.accumulations() <= 2, "one light, and the one of its name: {update:?}");
+                made += 1;
+            });
+            if made % 5 == 0 {
+                assert_eq!(added_up(&baker, &world, &receivers), receivers.sums, "round {round}");
+                moments += 1;
+            }
+            if progress.is_done {
+                break;
+            }
+        }
+        if round % 3 == 1 {
+            baker = Baker::load(&baker.save(1), 1, *baker.params()).unwrap();
+            look(&mut baker);
+            killed += 1;
+        }
+    }
+    assert!(moments > 50 && killed == 3, "{moments} moments");
+    finish(&mut baker, &world, &mut receivers);
+    assert_as_from_scratch(&world, &baker, &receivers, "one by one");
+    world.put(&mut baker, 1, Some(solid([-2.0, 0.0, -1.0], [-1.0, 2.0, 0.0], 0.5)));
+    world.put(&mut baker, 2, Some(solid([1.5, 0.0, 1.0], [3.0, 1.0, 2.5], 0.7)));
+    world.recolour(&mut baker, 0, Vec3::splat(0.6));
+    baker.set_light(LightKey(1), lamp([0.0, 3.9, 0.0], 100.0, 2000)).unwrap();
+    baker.set_light(LightKey(7), bulb([-3.0, 3.0, 3.0], 40.0, 800)).unwrap();
+    finish(&mut baker, &world, &mut receivers);
+    assert_eq!(receivers.sums, start);
+}
+
+/// Updates wait until all is foreseen, but not for ever: a light that is dragged along from step to step is
+/// followed, and without patience from the first step on.
+#[test]
+fn updates_wait_no_longer_than_their_patience() {
+    let updates = |patience: f64| {
+        let (world, mut baker, receivers) = baked_room(BakeParams { patience, ..params(0.05) });
+        baker.watch(&receivers.points).unwrap();
+        let budget = bake::StepBudget { paths: 200, accumulations: 1 };
+        let mut updates: Vec<usize> = Vec::new();
+        for step in 0..200_usize {
+            let lamp = lamp([0.02 * step as f32, 3.9, 0.0], 100.0, 2000);
+            baker.set_light(LightKey(1), lamp).unwrap();
+            baker.step(budget, &world.trace(), &mut |_| updates.push(step));
+        }
+        // All of its 2800 paths, and as many vertices and more.
+        (updates, 2800 + baker.path_vertices())
+    };
+    let (at_once, _) = updates(0.0);
+    assert_eq!((at_once[0], at_once.len()), (1, 199), "the first step only sees that the lamp is the same");
+    let (patient, all) = updates(1.0);
+    let expected = all / 200;
+    assert!(patient[0].abs_diff(expected) <= 3 && patient.len() > 100, "{patient:?}, expected {expected}");
+}

@@ -242,6 +242,7 @@ impl<'a> Bake<'a> {
             bounces: settings.whole("bounces"),
             clusters: settings.whole("clusters") as usize,
             seed: settings.whole("seed"),
+            patience: settings.number("patience").map_or(1.5, f64::from),
             ..BakeParams::new(bounds, path_power, group)
         };
         let mut baker = Baker::new(params).map_err(|error| Failure::failed(format!("{name}: {error}")))?;

@@ -227,6 +227,24 @@ fn light(light: &scene::Light) -> Light {
     }
 }
 
+/// So many points of what the camera of a view of this size sees, spread over its picture, not in rows: a row
+/// of pixels lies in a strip of shadow as a whole or not at all (the sequence R2, Roberts 2018).
+pub(crate) fn spread(stand: &Stand, size: (u32, u32), count: u32) -> Vec<(Vec3, Vec3)> {
+    let whole = Vec2::new(size.0 as f32, size.1 as f32);
+    let step = |i: u32| glam::DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_2) * f64::from(i);
+    seen(stand, size, (0..count).map(|i| (step(i) + 0.5).fract().as_vec2() * whole))
+}
+
+/// Points that a camera sees there, and normals.
+fn seen(stand: &Stand, size: (u32, u32), pixels: impl Iterator<Item = Vec2>) -> Vec<(Vec3, Vec3)> {
+    let camera = stand.scene.cameras.first().cloned().unwrap_or_else(|| stand.scene.framing_camera());
+    let mut scratch = RayScratch::default();
+    pixels
+        .filter_map(|at| stand.closest(&camera.ray(at, size.0, size.1), &mut scratch))
+        .map(|hit| (hit.position, hit.normal))
+        .collect()
+}
+
 /// What a camera sees, as receivers: irradiance there is added up in f64, which is near enough for curves.
 #[derive(Clone, Default)]
 pub(crate) struct View {
@@ -237,14 +255,9 @@ pub(crate) struct View {
 
 impl View {
     pub(crate) fn new(stand: &Stand, size: (u32, u32)) -> Self {
-        let camera = stand.scene.cameras.first().cloned().unwrap_or_else(|| stand.scene.framing_camera());
-        let mut scratch = RayScratch::default();
         let pixels =
             (0..size.0 * size.1).map(|i| Vec2::new((i % size.0) as f32 + 0.5, (i / size.0) as f32 + 0.5));
-        let points: Vec<_> = pixels
-            .filter_map(|at| stand.closest(&camera.ray(at, size.0, size.1), &mut scratch))
-            .map(|hit| (hit.position, hit.normal))
-            .collect();
+        let points = seen(stand, size, pixels);
         Self { sums: vec![0.0; points.len()], points, accumulations: 0 }
     }
 

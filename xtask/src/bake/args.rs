@@ -51,7 +51,7 @@ pub(crate) struct BakeArgs {
 }
 
 /// What `--set` turns.
-pub(super) const KEYS: [Key; 18] = [
+pub(super) const KEYS: [Key; 19] = [
     Key {
         name: "clusters",
         default: "600",
@@ -121,8 +121,14 @@ pub(super) const KEYS: [Key; 18] = [
     Key {
         name: "watch",
         default: "256",
-        range: Range::Whole(0, 1024),
+        range: Range::Whole(0, 4096),
         trades: "points of the camera's view that say which updates come first: sooner right there against rays; 0: by flux",
+    },
+    Key {
+        name: "patience",
+        default: "1.5",
+        range: Range::Number(0.0, 100.0),
+        trades: "how long updates wait for a good order, in looks at all paths and their vertices: 0: not at all",
     },
     Key {
         name: "view",

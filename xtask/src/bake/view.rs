@@ -1,7 +1,7 @@
 //! A camera's picture of the scene with its light looked up in the lightmap: what an engine would show.
 
 use bake::lightmap::{Image, Layout, directional_irradiance};
-use glam::{Vec2, Vec3};
+use glam::{DVec2, Vec2, Vec3};
 use lighttree::RayQueries;
 use rayon::prelude::*;
 use scene::{Camera, Film, RayScratch, camera_ray};
@@ -59,7 +59,9 @@ pub(crate) fn view(
     film
 }
 
-/// Of what the camera sees, about so many points evenly, just off surfaces and with their normals.
+/// Of what the camera sees, up to so many points, just off surfaces and with their normals: spread over its
+/// picture by the sequence R2 (Roberts 2018), since a row of pixels lies in a strip of shadow as a whole or
+/// not at all.
 pub(crate) fn looked_at(
     geometry: &Geometry,
     camera: &Camera,
@@ -67,19 +69,16 @@ pub(crate) fn looked_at(
     points: u32,
 ) -> Vec<(Vec3, Vec3)> {
     let (scene, tree) = (&geometry.0.scene, &geometry.0.rays);
-    // Pixels of the picture's shape.
-    let across = (f64::from(points) * f64::from(size.0) / f64::from(size.1)).sqrt();
-    let width = (across.round() as u32).clamp(1, points.max(1));
-    let height = (points / width).max(1);
+    let whole = Vec2::new(size.0 as f32, size.1 as f32);
     let mut scratch = RayScratch::default();
-    let point = |pixel: u32| {
-        let at = Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
-        let ray = camera.ray(at, width, height);
+    let point = |i: u32| {
+        let at = (DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_2) * f64::from(i) + 0.5).fract();
+        let ray = camera.ray(at.as_vec2() * whole, size.0, size.1);
         let hit = tree.closest(&ray, &mut scratch)?;
         let surface = tree.surface(scene, &ray, &hit);
         Some((surface.offset(-ray.direction), surface.facing_normal()))
     };
-    (0..width * height).filter_map(point).collect()
+    (0..points).filter_map(point).collect()
 }
 
 fn irradiance(page: &Image, at: Vec2, normal: Vec3) -> Vec3 {

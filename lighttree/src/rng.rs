@@ -283,6 +283,29 @@ const TWO_POW_32: f64 = 4_294_967_296.0;
 mod tests {
     use super::*;
 
+    /// Walks add 1 to `whole` without looking: it is never the last number, and never beyond the range.
+    #[test]
+    fn splits_stay_below_the_end() {
+        let lasts = [0, 1, 0xffff_ffff, 1 << 32, u64::MAX / 3, u64::MAX - 1, u64::MAX];
+        let firsts = [0, 1, 0x7fff_ffff, 0x8000_0000, u32::MAX - 1, u32::MAX];
+        for (last, first) in lasts.into_iter().flat_map(|last| firsts.map(|first| (last, first))) {
+            let (whole, _) = split(last, first);
+            assert!(whole <= last && whole < u64::MAX - 0xffff_fffe, "{last} {first}: {whole}");
+        }
+    }
+
+    /// Cumulative probabilities that fall are nobody's distribution, but whatever is drawn, what is left is a
+    /// number among `0..=last`.
+    #[test]
+    fn falling_probabilities_leave_a_number_in_range() {
+        for at in 0..1000u64 {
+            let mut random = Decisions::starting_with(at << 54 | 12_345, Random::new(1, 2, at as u32));
+            random.choose_among(&[0, 1 << 30, 5, 1 << 29, 3, 1 << 31]);
+            let (value, last) = random.rest();
+            assert!(value <= last, "{value} {last}");
+        }
+    }
+
     /// Pinned, since a GPU has to have the same bits.
     #[test]
     fn words_and_decisions_keep_their_bits() {

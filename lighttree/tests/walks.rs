@@ -202,6 +202,29 @@ fn empty_batches_are_empty() {
     assert_eq!(sampler.sample_each::<LambertReceiver>(&[], &mut [], &mut walks, &mut []), 0);
 }
 
+/// Numbers at both ends of their range and around the middle, in trees where one side of each pair is all but
+/// certain: no sum of a walk overflows (which the profile of tests panics at), and each finds a light.
+#[test]
+fn walks_at_the_ends_of_their_numbers_find_lights() {
+    for strength in [1.0, 1e-4, 1e-9] {
+        let lights: Vec<_> = (0..64)
+            .map(|i| LightBounds::point(Vec3::new(i as f32, 0.0, 1.0), if i == 63 { 1.0 } else { strength }))
+            .collect();
+        let tree = LightTree::build(&lights, &BuildParams::default()).unwrap();
+        let receiver = LambertReceiver { position: Vec3::ZERO, normal: Vec3::Z, albedo: 0.5 };
+        let ends = [0, 1, u64::MAX / 2, u64::MAX / 2 + 1, u64::MAX - 1, u64::MAX];
+        let from: Vec<_> = (0..6).map(|i| WalkFrom::new(i, tree.root().unwrap(), ends[i as usize])).collect();
+        let mut out = vec![None; 6];
+        let sampler = TreeSampler::new(&tree);
+        sampler.sample_each_from(&[receiver; 6], &from, &mut streams(6, 0), &mut Walks::default(), &mut out);
+        for sample in out {
+            let sample = sample.expect("all lights are above the horizon");
+            let pmf = sampler.pmf(&receiver, sample.light);
+            assert!((sample.pmf - pmf).abs() <= 1e-6 * pmf, "{} {pmf}", sample.pmf);
+        }
+    }
+}
+
 /// E22 for samples drawn together, which share strata but each for itself have the tree's probabilities: chi²
 /// of a million draws of each stratum's union.
 #[test]

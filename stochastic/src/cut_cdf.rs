@@ -235,19 +235,15 @@ impl NodeCdf {
             // By quotients where 1 / total is not in range.
             let unit = rest / total;
             if unit < f32::INFINITY {
-                self.cumulative.extend(weights.iter().map(|&w| (w * unit) as i32 as u32 + least(w)));
+                self.cumulative.extend(weights.iter().map(|&w| truncated(w * unit) + least(w)));
             } else {
-                self.cumulative.extend(weights.iter().map(|&w| (w / total * rest) as i32 as u32 + least(w)));
+                self.cumulative.extend(weights.iter().map(|&w| truncated(w / total * rest) + least(w)));
             }
         } else {
             let share = |w: f32| if total > 0.0 { usable(w) * HUGE_SCALE / total * rest } else { 0.0 };
             self.cumulative.extend(weights.iter().map(|&w| share(w) as i32 as u32 + least(usable(w))));
         }
-        let mut sum = 0;
-        for c in &mut self.cumulative {
-            sum += *c;
-            *c = sum;
-        }
+        let sum = sum_up(&mut self.cumulative);
 
         // What rounding left goes to the last that can be drawn.
         let last = self.cumulative.partition_point(|&c| c < sum);
@@ -282,6 +278,34 @@ impl NodeCdf {
         }
         f64::from(self.cumulative[index + 1] - self.cumulative[index]) / f64::from(WHOLE)
     }
+}
+
+/// `x as u32` for `x` in [0, 2^31), without the branches that a cast has for all others: four at a time.
+#[inline(always)]
+fn truncated(x: f32) -> u32 {
+    // Where f64 has a spacing of 1, adding rounds to whole numbers; a little less than 1/2 taken away makes
+    // that rounding down. What is too large for the little to count is whole and even.
+    const SPACING_1: f64 = 6_755_399_441_055_744.0;
+    const ALMOST_HALF: f64 = 0.5 - 1.0 / 67_108_864.0;
+    ((f64::from(x) - ALMOST_HALF) + SPACING_1).to_bits() as u32
+}
+
+/// Makes each number the sum of all up to it. Returns the last.
+fn sum_up(numbers: &mut [u32]) -> u32 {
+    let mut sum = 0;
+    let (chunks, rest) = numbers.as_chunks_mut::<4>();
+    for chunk in chunks {
+        // Two steps within the four, so that each waits for the four before by one addition alone.
+        let [a, b, c, d] = *chunk;
+        let (ab, bc, cd) = (a + b, b + c, c + d);
+        *chunk = [sum + a, sum + ab, sum + (a + bc), sum + (ab + cd)];
+        sum += ab + cd;
+    }
+    for number in rest {
+        sum += *number;
+        *number = sum;
+    }
+    sum
 }
 
 /// Brings numbers whose sum may be beyond f32 into its range.
@@ -378,5 +402,24 @@ impl<T: LightHierarchy, R: Receiver + ?Sized> LightSampler<R> for CutCdf<'_, T> 
             return 0.0;
         }
         self.walk.pmf_below(self.cut.nodes[index], receiver, light) * node_pmf
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Around whole numbers, powers of two and the ends; a cast is the oracle.
+    #[test]
+    fn truncating_is_casting() {
+        let check = |x: f32| assert_eq!(truncated(x), x as u32, "{x:e}");
+        for power in 0..31 {
+            let whole = 1u32 << power;
+            for x in [whole as f32, whole as f32 + 1.0, 1.5 * whole as f32, 2.5 * whole as f32] {
+                [x.next_down(), x, x.next_up()].into_iter().filter(|&x| x < 2_147_483_648.0).for_each(check);
+            }
+        }
+        [0.0, 1e-45, 0.5f32.next_down(), 0.5, 1f32.next_down()].into_iter().for_each(check);
+        (0..1 << 16).for_each(|i: u32| check(f32::from_bits(i.wrapping_mul(20_261) % 0x4f00_0000)));
     }
 }

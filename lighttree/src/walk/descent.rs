@@ -180,6 +180,7 @@ impl<T: LightHierarchy, R: Receiver> Descent<'_, '_, T, R> {
                 this.enter(part, NodeId(first + u32::from(!is_first)));
             });
         }
+        // No sum overflows: `whole` is at most `last`, and below 2⁶⁴ - 2³² + 1; `low + last` is a number.
         let is_second = u64::from(value > boundary);
         let mask = is_second.wrapping_neg();
         let low = group.low + (mask & (whole + 1));

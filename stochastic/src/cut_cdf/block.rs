@@ -176,6 +176,11 @@ impl BlockCdfs {
         Some(KeptBlock::of(tree, self.group?, &self.cut, self.told.as_ref()?))
     }
 
+    /// Passes before this one. 0 also before the first.
+    pub const fn pass(&self) -> u32 {
+        self.halves[0].phases.begun().saturating_sub(1)
+    }
+
     /// How many passes of this pixel's phase came before this one. Where nothing is learned there is one
     /// phase.
     pub const fn pass_of_phase(&self, pixel: usize) -> u32 {

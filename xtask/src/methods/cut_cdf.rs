@@ -29,14 +29,23 @@ pub(crate) const DEFENSIVE: Key = Key {
     trades: "share of the samples that does not go by what was learned: 0 trusts it, which is best if nothing changes within a block; 1 learns nothing",
 };
 
+const PILOT: Key = Key {
+    name: "pilot",
+    default: "4",
+    range: Range::Whole(1, 64),
+    trades: "times as many light samples in the first camera sample of each pixel, by which all others go (on the processor): less noise where much is hidden; 1 for one sample per pixel",
+};
+
 /// Dials of the method `cut-cdf-vis`.
-pub(crate) const VIS_KEYS: [Key; 5] = [super::LIGHTS, NODES, DEFENSIVE, trees::CHOICE, trees::BUILDER];
+pub(crate) const VIS_KEYS: [Key; 6] = [super::LIGHTS, NODES, DEFENSIVE, PILOT, trees::CHOICE, trees::BUILDER];
 
 /// A cut and its distributions, block by block.
 pub(crate) struct CutCdfMethod<'a, T> {
     walk: TreeSampler<'a, T>,
     nodes: usize,
     samples: u32,
+    /// Light samples of the first camera sample.
+    pilot: u32,
     /// The defensive share, if anything is learned.
     learn: Option<f32>,
     kept: &'a Learned,
@@ -78,6 +87,8 @@ const CELLS: f64 = 64.0;
 #[derive(Default)]
 pub(crate) struct BlockScratch {
     block: BlockCdfs,
+    /// Light samples per point in this pass.
+    samples: u32,
     /// The unit's pixels.
     pixels: Vec<u32>,
     batch: WalkBatch,
@@ -109,13 +120,30 @@ pub(crate) struct NodeTag {
 impl<'a, T: LightHierarchy> CutCdfMethod<'a, T> {
     /// As the settings have it; with `learn`, from shadow rays.
     pub(crate) fn new(tree: &'a T, settings: &Settings, learn: bool, kept: &'a Learned) -> Self {
+        let samples = settings.whole("lights");
         Self {
             walk: TreeSampler::new(tree).with_choice(trees::choice(settings)),
             nodes: settings.whole("nodes") as usize,
-            samples: settings.whole("lights"),
+            samples,
+            pilot: if learn { samples * settings.whole("pilot") } else { samples },
             learn: learn.then(|| settings.number("defensive").unwrap_or(1.0)),
             kept,
         }
+    }
+}
+
+impl<T> CutCdfMethod<'_, T> {
+    /// Light samples per point in a pass.
+    const fn samples_of(&self, pass: u32) -> u32 {
+        if pass == 0 { self.pilot } else { self.samples }
+    }
+
+    /// Light samples of a pixel from pass `first` on and before `pass`.
+    fn samples_between(&self, first: u32, pass: u32) -> u64 {
+        if pass == first {
+            return 0;
+        }
+        u64::from(self.samples_of(first)) + u64::from(pass - first - 1) * u64::from(self.samples)
     }
 }
 
@@ -143,12 +171,14 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
         scratch: &mut BlockScratch,
         counts: &mut Counts,
     ) {
-        let BlockScratch { block, pixels, batch, nodes } = scratch;
+        let BlockScratch { block, samples, pixels, batch, nodes } = scratch;
         let receivers = points.iter().map(|point| (point.position, point.normal));
         if block.begin_pass(self.walk.tree(), self.nodes, receivers, Some(&self.kept.last)) {
             counts.add_cut(block.cut().nodes().len() as u64);
         }
         let built = block.built();
+        let pass = block.pass();
+        *samples = self.samples_of(pass);
 
         // Draw nodes for all points, and then walk down from all of them together.
         batch.begin();
@@ -159,14 +189,15 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
             while pixels.get(place).is_some_and(|&pixel| pixel != point.pixel) {
                 place += 1;
             }
-            let (before, pass) = (nodes.len(), block.pass_of_phase(place));
+            let (before, age) = (nodes.len(), block.pass_of_phase(place));
             let Prepared { cut, cdf, weights } = block.prepare(place, point, point.normal);
-            let first = first_number(point, seed, pass);
+            let first = first_number(point, seed, age);
+            let earlier = self.samples_between(pass - age, pass);
             batch.plan(point, seed, |index, random, walks| {
-                for k in 0..self.samples {
+                for k in 0..*samples {
                     // All samples of a phase of one pixel are one sequence of Weyl's: any number of them is
                     // spread evenly.
-                    let number = u64::from(pass) * u64::from(self.samples) + u64::from(k);
+                    let number = earlier + u64::from(k);
                     random.restart(first.wrapping_add(number.wrapping_mul(GOLDEN)));
                     let Some(node) = cdf.draw(random) else { break };
                     let (pmf, weight) = (cdf.probability(node), weights[node]);
@@ -191,8 +222,8 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
         _: &mut Counts,
         mut each: impl FnMut(Draw<NodeTag>, &mut Decisions),
     ) {
-        let BlockScratch { batch, nodes, .. } = scratch;
-        let samples = f64::from(self.samples);
+        let BlockScratch { samples, batch, nodes, .. } = scratch;
+        let samples = f64::from(*samples);
         let drawn = batch.drawn(index, random);
         for (sample, by) in drawn.iter().zip(&nodes[batch.first(index)..]) {
             if let Some(LightSample { light, pmf }) = *sample {
@@ -219,10 +250,10 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
 /// 2^64 ÷ the golden ratio.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Where a pixel's sequence begins in this phase: for each pixel and phase another place, independent of all
-/// others.
-fn first_number(point: &ShadingPoint, seed: u32, pass: u32) -> u64 {
-    let first_sample = point.sample.wrapping_sub(pass);
+/// Where a pixel's sequence begins in a phase of which so many passes went before: for each pixel and phase
+/// another place, independent of all others.
+fn first_number(point: &ShadingPoint, seed: u32, age: u32) -> u64 {
+    let first_sample = point.sample.wrapping_sub(age);
     let [high, low, ..] = pcg4d([seed ^ Purpose::Blocks.salt(), point.pixel, first_sample, 1]);
     u64::from(high) << 32 | u64::from(low)
 }

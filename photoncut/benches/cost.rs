@@ -16,7 +16,10 @@ use std::time::{Duration, Instant};
 use cpu_time::cpu_time;
 use glam::Vec3;
 use lighttree::rng::Random;
-use photoncut::{DensityParams, IlluminationCut, LookupScratch, PhotonMap, PhotonScratch};
+use photoncut::{
+    DensityParams, GatherSample, IlluminationCut, InterpolationParams, IrradianceSamples, PhotonMap,
+    PhotonScratch, Place, SampleScratch,
+};
 
 /// Least seconds of a few rounds by `clock`.
 fn best<R>(rounds: u32, clock: impl Fn() -> Duration, mut work: impl FnMut() -> R) -> f64 {
@@ -65,10 +68,9 @@ fn main() {
         let choose =
             threads(1).install(|| best(3, cpu_time, || IlluminationCut::of_size(&map, size, &params)));
         let cut = IlluminationCut::of_size(&map, size, &params);
-        let mut scratch = LookupScratch::default();
         let looked_up = best(3, cpu_time, || {
             for &(point, normal) in &points {
-                black_box(cut.irradiance(point, normal, &mut scratch));
+                black_box(cut.irradiance(point, normal));
             }
         });
         println!(
@@ -77,4 +79,34 @@ fn main() {
             full / looked_up
         );
     }
+
+    // Gathered samples, as irregular as those of a room, asked about row by row as a picture does.
+    let samples: Vec<_> = (0..13_500)
+        .map(|i| {
+            let (position, normal) = common::wall_point(&mut random);
+            let rays = if i % 9 == 0 { 200 } else { 25 };
+            let mean_distance = 0.02 + 0.5 * random.f32();
+            let (rotation, translation) = ([Vec3::ZERO; 3], [Vec3::ZERO; 3]);
+            GatherSample {
+                position,
+                normal,
+                irradiance: Vec3::ONE,
+                mean_distance,
+                rotation,
+                translation,
+                rays,
+            }
+        })
+        .collect();
+    let (index, _) = IrradianceSamples::new(&samples, &InterpolationParams::new(0.9));
+    let floor = |i: u32| Vec3::new((i % 300) as f32 + 0.5, 0.0, (i / 300) as f32 + 0.5) / 300.0;
+    let mut scratch = SampleScratch::default();
+    let asked = best(3, cpu_time, || {
+        for i in 0..90_000 {
+            black_box(
+                index.foretell(&Place { mean_distance: 0.2, ..Place::new(floor(i), Vec3::Y) }, &mut scratch),
+            );
+        }
+    });
+    println!("interpolation among {} samples: {:.2} us", index.len(), 1e6 * asked / 90_000.0);
 }

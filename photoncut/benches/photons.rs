@@ -8,7 +8,7 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
 use lighttree::rng::Random;
-use photoncut::{DensityParams, IlluminationCut, LookupScratch, PhotonMap, PhotonScratch};
+use photoncut::{DensityParams, IlluminationCut, PhotonMap, PhotonScratch};
 
 fn photons(c: &mut Criterion) {
     let mut group = c.benchmark_group("build");
@@ -40,11 +40,10 @@ fn photons(c: &mut Criterion) {
     }
     for size in [4000, 8000] {
         let cut = IlluminationCut::of_size(&map, size, &DensityParams::nearest(64));
-        let mut scratch = LookupScratch::default();
         group.bench_function(BenchmarkId::new("cut", size), |b| {
             b.iter(|| {
                 for &(point, normal) in &points {
-                    black_box(cut.irradiance(point, normal, &mut scratch));
+                    black_box(cut.irradiance(point, normal));
                 }
             });
         });

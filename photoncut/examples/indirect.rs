@@ -9,7 +9,7 @@ use glam::Vec3;
 use lighttree::rng::Random;
 use photoncut::{
     DensityParams, GatherParams, GatherScratch, IlluminationCut, Incoming, InterpolationParams,
-    IrradianceSamples, LookupScratch, Photon, PhotonMap, Place, SampleScratch, gather,
+    IrradianceSamples, Photon, PhotonMap, PhotonScratch, Place, SampleScratch, gather,
 };
 
 const WIDTH: u32 = 64;
@@ -115,7 +115,7 @@ fn main() -> Result<(), Box<dyn core::error::Error>> {
     let clusters = cluster(&points, seeding, &metric, &ClusterParams::with_count(200))?;
 
     // Gather at each of them.
-    let (mut scratch, mut lookup) = (GatherScratch::default(), LookupScratch::default());
+    let (mut scratch, mut lookup) = (GatherScratch::default(), PhotonScratch::default());
     let params = GatherParams { rays: 400, seed: 1 };
     let samples: Vec<_> = (0..clusters.len())
         .map(|k| {

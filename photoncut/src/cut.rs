@@ -15,6 +15,7 @@ use glam::Vec3;
 use lighttree::{Cut, CutPolicy, CutSelector, Hierarchy, ItemRanges, NodeId, parallel};
 
 use crate::nearest::flatness;
+use crate::reach::Reach;
 use crate::{DensityParams, PhotonMap, PhotonScratch};
 
 /// When a node of the published refinement is split.
@@ -55,27 +56,16 @@ pub struct CutSample {
 
 const _: () = assert!(size_of::<CutSample>() + size_of::<NodeId>() == 44);
 
-/// A cut through a photon map with an irradiance on each node, indexed by the tree above it.
+/// A cut through a photon map with an irradiance on each node, and an index of where each reaches.
 ///
-/// Memory: 44 bytes a node of the cut, and 32 for each of the nodes from the root down to it.
+/// Memory: 44 bytes a node of the cut, and at most 384 of index (80 to 90 in rooms).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct IlluminationCut {
     cut: Cut<CutSample>,
-    pub(crate) upper: Vec<UpperNode>,
+    pub(crate) reach: Reach,
     /// How much more a squared distance along a sample's normal counts than one within its surface.
     pub(crate) flatten: f32,
     rounds: u32,
-}
-
-/// A node from the root down to the cut: the box of what its samples reach.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub(crate) struct UpperNode {
-    pub(crate) min: [f32; 3],
-    /// Of a sample; or of the first of a pair of children.
-    pub(crate) index: u32,
-    pub(crate) max: [f32; 3],
-    pub(crate) is_sample: u32,
 }
 
 impl IlluminationCut {
@@ -128,15 +118,10 @@ impl IlluminationCut {
         parallel::for_each(&mut samples, PhotonScratch::default, |scratch, i, out| {
             *out = sample(map, nodes[i], density, scratch);
         });
+        let reach = Reach::new(&samples);
         let cut = Cut::from_parts(nodes.to_vec(), samples);
-        let mut upper = Vec::with_capacity(2 * cut.len());
-        if let Some(root) = map.root() {
-            upper.push(UpperNode { min: [0.0; 3], index: 0, max: [0.0; 3], is_sample: 0 });
-            let mut next = 0;
-            upper[0] = upper_node(map, &cut, root, &mut next, &mut upper);
-        }
         // Half as strict as the search for photons: samples are sparser, and surfaces bend between them.
-        Self { cut, upper, flatten: flatness(density.flatten), rounds }
+        Self { cut, reach, flatten: flatness(density.flatten), rounds }
     }
 
     /// The cut, with a sample on each node.
@@ -161,8 +146,7 @@ impl IlluminationCut {
 
     /// Bytes of samples and index.
     pub fn bytes(&self) -> usize {
-        self.cut.len() * (size_of::<CutSample>() + size_of::<NodeId>())
-            + self.upper.len() * size_of::<UpperNode>()
+        self.cut.len() * (size_of::<CutSample>() + size_of::<NodeId>()) + self.reach.bytes()
     }
 }
 
@@ -242,32 +226,4 @@ fn sample(map: &PhotonMap, node: NodeId, density: &DensityParams, scratch: &mut 
     let found = map.irradiance(position, normal, density, scratch);
     let radius = bounds.side().max(0.5 * found.radius);
     CutSample { position, radius, normal, irradiance: found.irradiance }
-}
-
-/// Boxes of reach, from the cut up; appends everything below a node.
-fn upper_node(
-    map: &PhotonMap,
-    cut: &Cut<CutSample>,
-    node: NodeId,
-    next: &mut u32,
-    out: &mut Vec<UpperNode>,
-) -> UpperNode {
-    if cut.nodes().get(*next as usize) == Some(&node) {
-        let sample = &cut.values()[*next as usize];
-        let index = *next;
-        *next += 1;
-        let (min, max) = (sample.position - sample.radius, sample.position + sample.radius);
-        return UpperNode { min: min.to_array(), index, max: max.to_array(), is_sample: 1 };
-    }
-    let index = out.len() as u32;
-    let blank = UpperNode { min: [0.0; 3], index: 0, max: [0.0; 3], is_sample: 0 };
-    out.extend([blank; 2]);
-    let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for (place, child) in map.children(node).enumerate() {
-        let child = upper_node(map, cut, NodeId(child), next, out);
-        out[index as usize + place] = child;
-        min = min.min(Vec3::from(child.min));
-        max = max.max(Vec3::from(child.max));
-    }
-    UpperNode { min: min.to_array(), index, max: max.to_array(), is_sample: 0 }
 }

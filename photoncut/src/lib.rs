@@ -27,7 +27,7 @@
 //! ```
 //! use glam::Vec3;
 //! use lighttree::rng::Random;
-//! use photoncut::{DensityParams, GatherParams, GatherScratch, IlluminationCut, Incoming, LookupScratch, Photon, PhotonMap, gather};
+//! use photoncut::{DensityParams, GatherParams, GatherScratch, IlluminationCut, Incoming, Photon, PhotonMap, gather};
 //!
 //! // 50,000 photons on a floor of one square metre, π W in all: irradiance π, and radiance 0.5 off a grey of albedo 0.5.
 //! let mut random = Random::new(1, 0, 0);
@@ -43,11 +43,10 @@
 //! let cut = IlluminationCut::of_size(&map, 500, &DensityParams::nearest(64));
 //!
 //! // A ceiling point just above the middle, which sees nothing but the floor.
-//! let mut lookup = LookupScratch::default();
 //! let eye = Vec3::new(0.5, 0.02, 0.5);
 //! let sample = gather(eye, Vec3::NEG_Y, 0, &GatherParams { rays: 256, seed: 1 }, None, &mut GatherScratch::default(), None, |direction, _| {
 //!     let distance = -eye.y / direction.y;
-//!     let irradiance = cut.irradiance(eye + distance * direction, Vec3::Y, &mut lookup).unwrap_or_default();
+//!     let irradiance = cut.irradiance(eye + distance * direction, Vec3::Y).unwrap_or_default();
 //!     Incoming { radiance: irradiance * (0.5 / core::f32::consts::PI), distance }
 //! });
 //! assert!((sample.irradiance.x - 0.5 * core::f32::consts::PI).abs() < 0.1);
@@ -63,7 +62,9 @@ mod lookup;
 mod nearest;
 mod photon;
 mod points;
+mod reach;
 mod samples;
+mod search;
 mod sh;
 mod tree;
 
@@ -72,7 +73,6 @@ pub use density::{Area, Density, DensityParams};
 pub use error::PhotonError;
 pub use gather::{GatherParams, GatherSample, GatherScratch, Incoming, gather};
 pub use guide::{Guide, Met, SHARE as GUIDED_SHARE};
-pub use lookup::LookupScratch;
 pub use nearest::{Facing, PhotonScratch};
 pub use photon::Photon;
 pub use samples::{Foretold, InterpolationParams, IrradianceSamples, Place, SampleScratch, Share};

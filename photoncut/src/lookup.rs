@@ -4,42 +4,19 @@ use glam::Vec3;
 
 use crate::{CutSample, DensityParams, IlluminationCut, PhotonMap, PhotonScratch};
 
-/// Memory of a look-up, reused from point to point.
-#[derive(Clone, Debug, Default)]
-pub struct LookupScratch {
-    stack: Vec<u32>,
-    photons: PhotonScratch,
-}
-
 impl IlluminationCut {
     /// Irradiance of a surface at `point` that faces `normal`, W·m⁻² per channel: the mean of the samples
     /// that reach it, with weights K(d/r) · max(0, n·nⱼ), K(x) = 1 - x² (Wang et al. 2009, equations 4 and
     /// 5), divided by their sum, which the paper leaves out. `None` where no sample reaches.
-    pub fn irradiance(&self, point: Vec3, normal: Vec3, scratch: &mut LookupScratch) -> Option<Vec3> {
-        let LookupScratch { stack, .. } = scratch;
+    pub fn irradiance(&self, point: Vec3, normal: Vec3) -> Option<Vec3> {
         let samples = self.cut().values();
         let (mut sum, mut weights) = (Vec3::ZERO, 0.0f32);
-        stack.clear();
-        if !self.is_empty() {
-            stack.push(0);
-        }
-        while let Some(id) = stack.pop() {
-            let node = &self.upper[id as usize];
-            if node.is_sample != 0 {
-                let weight = self.weight(&samples[node.index as usize], point, normal);
-                if weight > 0.0 {
-                    sum += weight * samples[node.index as usize].irradiance;
-                    weights += weight;
-                }
-                continue;
-            }
-            for child in [node.index + 1, node.index] {
-                let child_node = &self.upper[child as usize];
-                let inside =
-                    point.cmpge(Vec3::from(child_node.min)) & point.cmple(Vec3::from(child_node.max));
-                if inside.all() {
-                    stack.push(child);
-                }
+        for &index in self.reach.around(point) {
+            let sample = &samples[index as usize];
+            let weight = self.weight(sample, point, normal);
+            if weight > 0.0 {
+                sum += weight * sample.irradiance;
+                weights += weight;
             }
         }
         let mean = sum / weights;
@@ -66,11 +43,11 @@ impl IlluminationCut {
         point: Vec3,
         normal: Vec3,
         density: &DensityParams,
-        scratch: &mut LookupScratch,
+        scratch: &mut PhotonScratch,
     ) -> (Vec3, bool) {
-        match self.irradiance(point, normal, scratch) {
+        match self.irradiance(point, normal) {
             Some(irradiance) => (irradiance, false),
-            None => (map.irradiance(point, normal, density, &mut scratch.photons).irradiance, true),
+            None => (map.irradiance(point, normal, density, scratch).irradiance, true),
         }
     }
 }

@@ -18,6 +18,7 @@ use glam::Vec3;
 
 use crate::gather::GatherSample;
 use crate::points::{self, Located, SpatialNode};
+use crate::search::{Measure, SampleSearch, Searched};
 
 /// How samples are interpolated. Any values may be set.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,23 +98,13 @@ const MAX_NEIGHBOURS: usize = 32;
 /// Below this squared error a sample is the point itself.
 const SAME: f32 = 1e-12;
 
-/// What is farther is as far as this: so that squares, and one over them, are numbers.
-const FARTHEST: f32 = 1e18;
-
-/// Samples that can be interpolated. Memory: 148 bytes a sample with its share of the index.
+/// Samples that can be interpolated. Memory: 164 bytes a sample with its share of the index.
 #[derive(Clone, Debug)]
 pub struct IrradianceSamples {
     samples: Vec<Indexed>,
-    nodes: Vec<SpatialNode>,
-    /// Largest R below each node.
-    reach: Vec<f32>,
-    /// Squared, of the samples with most rays.
-    least_noise: f32,
+    search: SampleSearch,
     params: InterpolationParams,
 }
-
-/// A bound is rounded otherwise than the e that it bounds: whoever is out by no more than this is looked at.
-const SLACK: f32 = 1.0 - 1e-5;
 
 #[derive(Clone, Copy, Debug)]
 struct Indexed {
@@ -134,6 +125,13 @@ impl Located for Indexed {
 }
 
 impl Indexed {
+    /// What the search asks of it; `noise`: squared, of one ray.
+    #[inline]
+    fn searched(&self, noise: f32) -> Searched {
+        let GatherSample { position, normal, rays, .. } = self.sample;
+        Searched { position, normal, distance: self.distance, noise: noise / rays.max(1) as f32 }
+    }
+
     /// No gradient is larger than the steepest that the split sphere has, which Ward, Rubinstein and Clear
     /// 1988 bound the error by: 4/π of the irradiance over R, and √2 of it for a turn by a radian. Few rays
     /// past a near edge say more, by chance.
@@ -205,19 +203,10 @@ impl IrradianceSamples {
             clamp_by_neighbours(&mut kept, &nodes);
         }
         kept.iter_mut().for_each(Indexed::limit_gradients);
-        let mut reach = vec![0.0f32; nodes.len()];
-        for id in (0..nodes.len()).rev() {
-            let children = nodes[id].children();
-            reach[id] = if children.is_empty() {
-                let items = nodes[id].items();
-                kept[items.start as usize..items.end as usize].iter().map(|s| s.distance).fold(0.0, f32::max)
-            } else {
-                reach[children.start as usize].max(reach[children.start as usize + 1])
-            };
-        }
-        let most_rays = kept.iter().map(|s| s.sample.rays).max().unwrap_or_default().max(1);
-        let least_noise = params.squared_noise() / most_rays as f32;
-        (Self { samples: kept, nodes, reach, least_noise, params: *params }, left_out)
+        let noise = params.squared_noise();
+        let searched: Vec<Searched> = kept.iter().map(|sample| sample.searched(noise)).collect();
+        let search = SampleSearch::new(&searched);
+        (Self { samples: kept, search, params: *params }, left_out)
     }
 
     /// Number of samples.
@@ -321,92 +310,24 @@ impl IrradianceSamples {
     /// Fills `best` with the samples of least e, ties to the lower slot, one more than wanted.
     fn find_nearest(&self, place: &Place, scratch: &mut SampleScratch) {
         let SampleScratch { stack, best, .. } = scratch;
-        stack.clear();
         let count = self.wanted() + 1;
-        let measure = Measure::new(place, &self.params);
+        let own = place.mean_distance;
+        let reach = if own.is_finite() { self.params.clamped(own) } else { f32::INFINITY };
+        #[expect(clippy::manual_clamp, reason = "NaN counts as 0")]
+        let planes = self.params.planes.max(0.0).min(1e6);
+        let measure = Measure { place, reach, planes };
 
         // Who was near the place before may be near this one: a bound to begin with. What is found does not
         // depend on it.
+        let noise = self.params.squared_noise();
         best.retain_mut(|(error, slot)| {
             let near = self.samples.get(*slot as usize);
-            *error = near.map_or(f32::NAN, |sample| measure.error(sample));
+            *error = near.map_or(f32::NAN, |sample| measure.error(&sample.searched(noise)));
             error.is_finite()
         });
         best.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         best.truncate(count);
-
-        // Nothing below a node has a lesser error than this.
-        let least = |id: u32| {
-            let distance = self.nodes[id as usize].distance_squared(place.position).sqrt();
-            let e = (distance / self.reach[id as usize].min(measure.reach)).min(FARTHEST);
-            SLACK * (e * e + self.least_noise)
-        };
-        if !self.is_empty() {
-            stack.push((least(0), 0));
-        }
-        while let Some((bound, id)) = stack.pop() {
-            if best.len() == count && bound > best[count - 1].0 {
-                continue;
-            }
-            let node = &self.nodes[id as usize];
-            let children = node.children();
-            if children.is_empty() {
-                for slot in node.items() {
-                    let entry = (measure.error(&self.samples[slot as usize]), slot);
-                    insert(best, entry, count);
-                }
-                continue;
-            }
-            let [mut a, mut b] = [children.start, children.start + 1].map(|id| (least(id), id));
-            if a.0 < b.0 {
-                core::mem::swap(&mut a, &mut b);
-            }
-            stack.extend([a, b]);
-        }
-    }
-}
-
-/// Puts an entry in its place among the `count` best, unless it is there already, or no number.
-#[inline]
-fn insert(best: &mut Vec<(f32, u32)>, entry: (f32, u32), count: usize) {
-    let (error, slot) = entry;
-    if !error.is_finite() || (best.len() == count && entry >= best[count - 1]) {
-        return;
-    }
-    let place = best.partition_point(|other| *other < entry);
-    if best.get(place).is_none_or(|&(_, there)| there != slot) {
-        best.truncate(count - 1);
-        best.insert(place, (error, slot));
-    }
-}
-
-/// The error of samples against one place.
-struct Measure<'a> {
-    place: &'a Place,
-    /// R of the place; infinite: not known.
-    reach: f32,
-    planes: f32,
-    noise: f32,
-}
-
-impl<'a> Measure<'a> {
-    fn new(place: &'a Place, params: &InterpolationParams) -> Self {
-        let own = place.mean_distance;
-        let reach = if own.is_finite() { params.clamped(own) } else { f32::INFINITY };
-        #[expect(clippy::manual_clamp, reason = "NaN counts as 0")]
-        let planes = params.planes.max(0.0).min(1e6);
-        Self { place, reach, planes, noise: params.squared_noise() }
-    }
-
-    /// Squared: Ward's e, and the noise.
-    #[inline]
-    fn error(&self, &Indexed { ref sample, distance, .. }: &Indexed) -> f32 {
-        let offset = self.place.position - sample.position;
-        let off_plane = offset.dot(sample.normal).abs();
-        let e = (offset.length() + self.planes * off_plane) / distance.min(self.reach)
-            + self.place.normal.distance(sample.normal);
-        let e = if e > FARTHEST { FARTHEST } else { e };
-        e * e + self.noise / sample.rays.max(1) as f32
+        self.search.nearest(&measure, count, stack, best);
     }
 }
 
@@ -434,7 +355,7 @@ fn clamp_by_neighbours(samples: &mut [Indexed], nodes: &[SpatialNode]) {
         while let Some(id) = stack.pop() {
             let node = &nodes[id as usize];
             let bound = least[id as usize] + node.distance_squared(position).sqrt();
-            if SLACK * bound > *best {
+            if (1.0 - 1e-5) * bound > *best {
                 continue;
             }
             for slot in if node.children().is_empty() { node.items() } else { 0..0 } {
@@ -452,6 +373,12 @@ mod tests {
     use lighttree::rng::Random;
 
     use super::*;
+
+    #[test]
+    fn memory_is_as_stated() {
+        // 32 of a block, and 8 of the groups above.
+        assert_eq!(size_of::<Indexed>() + 40, 164);
+    }
 
     /// By the tree as by asking everybody.
     #[test]

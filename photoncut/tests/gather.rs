@@ -8,8 +8,7 @@ use glam::Vec3;
 use lighttree::rng::Random;
 use photoncut::{
     DensityParams, GatherParams, GatherSample, GatherScratch, Guide, IlluminationCut, Incoming,
-    InterpolationParams, IrradianceSamples, LookupScratch, PhotonScratch, Place, RadianceSh, SampleScratch,
-    gather,
+    InterpolationParams, IrradianceSamples, PhotonScratch, Place, RadianceSh, SampleScratch, gather,
 };
 
 const PARAMS: GatherParams = GatherParams { rays: 400, seed: 1 };
@@ -29,7 +28,7 @@ fn white_furnace() {
     let cut = IlluminationCut::of_size(&map, 3000, &density);
     let expected = 2.0 * PI * ALBEDO;
     let (mut photons, mut lookup, mut scratch) =
-        (PhotonScratch::default(), LookupScratch::default(), GatherScratch::default());
+        (PhotonScratch::default(), PhotonScratch::default(), GatherScratch::default());
     let mut random = Random::new(3, 0, 0);
     let mut samples = Vec::new();
     let (mut full, mut by_cut) = (0.0, 0.0);

@@ -10,9 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use glam::{DVec3, Vec3};
-use photoncut::{
-    Area, DensityParams, GatherScratch, Guide, LookupScratch, PhotonScratch, RadianceSh, SampleScratch,
-};
+use photoncut::{Area, DensityParams, GatherScratch, Guide, PhotonScratch, RadianceSh, SampleScratch};
 use scene::bsdf::{Bsdf, Transport};
 use scene::{Counts, Frame, Geometry, IndirectLighting, ShadingPoint};
 
@@ -247,7 +245,6 @@ pub(crate) struct PhotonLight<'a> {
 pub(crate) struct Memory {
     pub(crate) gather: GatherScratch,
     pub(crate) guide: Guide,
-    pub(crate) lookup: LookupScratch,
     pub(crate) photons: PhotonScratch,
     samples: SampleScratch,
 }

@@ -4,9 +4,7 @@ use core::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 use lighttree::rng::Random;
-use photoncut::{
-    GatherParams, GatherSample, Guide, Incoming, LookupScratch, PhotonScratch, RadianceSh, gather,
-};
+use photoncut::{GatherParams, GatherSample, Guide, Incoming, PhotonScratch, RadianceSh, gather};
 use scene::bsdf::Transport;
 use scene::{Counts, Coverage, Frame, Geometry, MAX_CHAIN, Purpose, ShadingPoint, vertex};
 
@@ -28,10 +26,10 @@ pub(super) fn at<Q: Geometry>(
     counts: &mut Counts,
 ) -> GatherSample {
     let params = GatherParams { rays, seed: frame.seed ^ Purpose::Path.salt() };
-    let Memory { gather: own, guide, lookup, photons, .. } = memory;
+    let Memory { gather: own, guide, photons, .. } = memory;
     let guide: Option<&Guide> = guided.then_some(guide);
     gather(point.position, point.normal, index, &params, guide, own, harmonics, |direction, random| {
-        incoming(frame, maps, point, direction, random, scratch, lookup, photons, counts)
+        incoming(frame, maps, point, direction, random, scratch, photons, counts)
     })
 }
 
@@ -80,14 +78,13 @@ pub(super) fn along_lobes<Q: Geometry>(
     counts: &mut Counts,
 ) -> Vec3 {
     let mut random = point.random(frame.seed, Purpose::Path);
-    let Memory { lookup, photons, .. } = memory;
+    let Memory { photons, .. } = memory;
     let mut sum = Vec3::ZERO;
     for ray in 0..rays {
         let choice = (ray as f32 + random.f32()) / rays as f32;
         let u = [choice.min(1.0 - f32::EPSILON), random.f32(), random.f32()];
         if let Some((direction, weight)) = sample(point, u) {
-            let found =
-                incoming(frame, maps, point, direction, &mut random, scratch, lookup, photons, counts);
+            let found = incoming(frame, maps, point, direction, &mut random, scratch, photons, counts);
             sum += weight * found.radiance;
         }
     }
@@ -106,7 +103,6 @@ fn incoming<Q: Geometry>(
     direction: Vec3,
     random: &mut Random,
     scratch: &mut Q::Scratch,
-    lookup: &mut LookupScratch,
     photons: &mut PhotonScratch,
     counts: &mut Counts,
 ) -> Incoming {
@@ -158,7 +154,7 @@ fn incoming<Q: Geometry>(
     let irradiance = match &maps.cut {
         Some(cut) => {
             let (irradiance, fell_back) =
-                cut.irradiance_or_density(&maps.global, place, normal, &maps.density, lookup);
+                cut.irradiance_or_density(&maps.global, place, normal, &maps.density, photons);
             counts.fallbacks += u64::from(fell_back);
             irradiance
         }

@@ -288,9 +288,10 @@ fn learn_factors(thread: u32, number: u32, count: u32) -> bool {
     return known;
 }
 
-// All probabilities sum up to this; floors take one part in so many.
+// All probabilities sum up to this; floors take one part in so many, more where all nodes have them.
 const WHOLE: u32 = 0x80000000u;
 const FLOORS: u32 = 1024u;
+const SHARED_FLOORS: u32 = 64u;
 
 // What turns weights into probabilities.
 struct Scale {
@@ -389,7 +390,7 @@ fn draw_pixel(pixel: u32, number: u32, count: u32, space: Space, is_learned: boo
         }
         let drawable = select(positive, count, is_learned);
         if (drawable > 0u && plain > 0.0) {
-            scale.floor = max(WHOLE / FLOORS / drawable, 1u);
+            scale.floor = max(WHOLE / select(FLOORS, SHARED_FLOORS, is_learned) / drawable, 1u);
             let margin = (f32(count) / 8.0 + 16.0) * 1.1920929e-7;
             scale.rest = f32(WHOLE - drawable * scale.floor) * (1.0 - margin);
             var sum = 0u;

@@ -106,7 +106,7 @@ fn select<D: DrawLights>(
         method.begin_points(points, frame.light_seed, scratch, &mut counts);
         for (index, point) in points.iter().enumerate() {
             let mut random = Decisions::starting_with(0, point.random(frame.light_seed, Purpose::Lights));
-            method.draw(points, index, &mut random, scratch, &mut counts, |draw, _| {
+            method.draw(points, index, &mut random, scratch, &mut counts, |draw| {
                 black_box(draw.light);
             });
         }

@@ -44,7 +44,7 @@ pub trait DrawLights: Sync {
     /// Hands the lights of `points[index]` to `each`: the sum of weight × contribution estimates the sum over
     /// all lights.
     ///
-    /// `random` is the point's own stream. `each` takes more numbers from it, for places on lights.
+    /// `random` is the point's own stream. Places on lights are drawn from what follows in it afterwards.
     fn draw(
         &self,
         points: &[ShadingPoint],
@@ -52,7 +52,7 @@ pub trait DrawLights: Sync {
         random: &mut Decisions,
         scratch: &mut Self::Scratch,
         counts: &mut Counts,
-        each: impl FnMut(Draw<Self::Tag>, &mut Decisions),
+        each: impl FnMut(Draw<Self::Tag>),
     );
 
     /// All camera samples of the unit were drawn and learned.
@@ -102,12 +102,12 @@ impl<S: LightSampler<ShadingPoint> + Sync> DrawLights for Sampled<S> {
         random: &mut Decisions,
         _: &mut (),
         _: &mut Counts,
-        mut each: impl FnMut(Draw<()>, &mut Decisions),
+        mut each: impl FnMut(Draw<()>),
     ) {
         for k in 0..self.samples {
             restart_in_stratum(random, k, self.samples);
             if let Some(LightSample { light, pmf }) = self.sampler.sample(&points[index], random) {
-                each(Draw { light, weight: 1.0 / (pmf * f64::from(self.samples)), tag: () }, random);
+                each(Draw { light, weight: 1.0 / (pmf * f64::from(self.samples)), tag: () });
             }
         }
     }
@@ -156,14 +156,14 @@ impl<T: LightHierarchy + Sync> DrawLights for Walked<'_, T> {
         random: &mut Decisions,
         scratch: &mut WalkedScratch,
         _: &mut Counts,
-        mut each: impl FnMut(Draw<()>, &mut Decisions),
+        mut each: impl FnMut(Draw<()>),
     ) {
         // Places on lights go on where the choices ended.
         random.stream().clone_from(&scratch.streams[index]);
         let samples = self.samples as usize;
         for sample in scratch.drawn[index * samples..][..samples].iter().flatten() {
             let weight = 1.0 / (sample.pmf * f64::from(self.samples));
-            each(Draw { light: sample.light, weight, tag: () }, random);
+            each(Draw { light: sample.light, weight, tag: () });
         }
     }
 }
@@ -310,7 +310,7 @@ impl<Q: Geometry, D: DrawLights> DirectLighting<Q> for Drawn<D> {
             };
             let mut evaluated = 0;
             surfaces.clear();
-            self.0.draw(points, index, &mut random, draws, counts, |draw, _| {
+            self.0.draw(points, index, &mut random, draws, counts, |draw| {
                 evaluated += 1;
                 let light = &frame.lights[draw.light.0 as usize];
                 if light.is_point() {

@@ -195,6 +195,11 @@ const WHOLE: u32 = 1 << 31;
 /// All floors together are this part of the whole.
 const FLOORS: u32 = 1024;
 
+/// The same where all nodes have one, because a receiver draws by the weights of another: a light that the
+/// other has below its horizon, or sees from behind, may be a good part of what this one gets, and its floor
+/// is all it is drawn by. Costs one sample in so many.
+const SHARED_FLOORS: u32 = 64;
+
 /// Probabilities of the nodes of a cut, for one receiver or a few: 4 bytes a node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodeCdf {
@@ -206,8 +211,8 @@ impl NodeCdf {
     /// Probabilities in proportion to `weights`, which are not negative.
     ///
     /// No node that may be drawn has less than 1/1024 of its even share, and at least 2^-31. Those are the
-    /// nodes of positive weight; with `shared` all of them, as it must be where receivers for whom the
-    /// weights are not meant draw, too. Infinite weights and NaN count as 0.
+    /// nodes of positive weight; with `shared` all of them have 1/64, as it must be where receivers for whom
+    /// the weights are not meant draw, too. Infinite weights and NaN count as 0.
     pub fn build(&mut self, weights: &[f32], shared: bool) {
         // Sum up in lanes: what is infinite or not a number shows in the sum, and is sorted out then.
         let usable = |w: f32| if w > 0.0 && w < f32::INFINITY { w } else { 0.0 };
@@ -225,7 +230,8 @@ impl NodeCdf {
 
         // Round down, by a little less than would fill the whole: the sum may be wrong by a rounding a lane
         // and term, and must not overfill it.
-        let floor = (WHOLE / FLOORS / count).max(1);
+        let floors = if shared { SHARED_FLOORS } else { FLOORS };
+        let floor = (WHOLE / floors / count).max(1);
         let margin = (weights.len() as f32 / 8.0 + 16.0) * f32::EPSILON;
         let rest = WHOLE.saturating_sub(count.saturating_mul(floor)) as f32 * (1.0 - margin).max(0.0);
         let least = |w: f32| if shared || w > 0.0 { floor } else { 0 };

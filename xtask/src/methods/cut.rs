@@ -183,11 +183,11 @@ impl<S: SelectSubtrees + Sync> DrawLights for SubtreesMethod<S> {
         random: &mut Decisions,
         scratch: &mut SubtreesScratch,
         _: &mut Counts,
-        mut each: impl FnMut(Draw<()>, &mut Decisions),
+        mut each: impl FnMut(Draw<()>),
     ) {
         for sample in scratch.batch.drawn(index, random).iter().flatten() {
             let weight = 1.0 / (f64::from(self.per_node) * sample.pmf);
-            each(Draw { light: sample.light, weight, tag: () }, random);
+            each(Draw { light: sample.light, weight, tag: () });
         }
     }
 }
@@ -322,11 +322,11 @@ impl<T: LightHierarchy + Sync> DrawLights for SharedCutMethod<'_, T> {
         random: &mut Decisions,
         scratch: &mut SharedCutScratch,
         _: &mut Counts,
-        mut each: impl FnMut(Draw<()>, &mut Decisions),
+        mut each: impl FnMut(Draw<()>),
     ) {
         let factor = f64::from(self.interleave.parts()) / f64::from(self.per_node);
         for sample in scratch.batch.drawn(index, random).iter().flatten() {
-            each(Draw { light: sample.light, weight: factor / sample.pmf, tag: () }, random);
+            each(Draw { light: sample.light, weight: factor / sample.pmf, tag: () });
         }
     }
 }

@@ -220,7 +220,7 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
         random: &mut Decisions,
         scratch: &mut BlockScratch,
         _: &mut Counts,
-        mut each: impl FnMut(Draw<NodeTag>, &mut Decisions),
+        mut each: impl FnMut(Draw<NodeTag>),
     ) {
         let BlockScratch { samples, batch, nodes, .. } = scratch;
         let samples = f64::from(*samples);
@@ -228,14 +228,8 @@ impl<T: LightHierarchy + Sync> DrawLights for CutCdfMethod<'_, T> {
         for (sample, by) in drawn.iter().zip(&nodes[batch.first(index)..]) {
             if let Some(LightSample { light, pmf }) = *sample {
                 let scale = (1.0 / (pmf * f64::from(by.weight))) as f32;
-                each(
-                    Draw {
-                        light,
-                        weight: 1.0 / (samples * pmf * by.pmf),
-                        tag: NodeTag { pixel: by.pixel, node: by.node, scale },
-                    },
-                    random,
-                );
+                let tag = NodeTag { pixel: by.pixel, node: by.node, scale };
+                each(Draw { light, weight: 1.0 / (samples * pmf * by.pmf), tag });
             }
         }
     }

@@ -53,7 +53,7 @@ impl DrawLights for RisMethod<'_> {
         random: &mut Decisions,
         (): &mut (),
         counts: &mut Counts,
-        mut each: impl FnMut(Draw<()>, &mut Decisions),
+        mut each: impl FnMut(Draw<()>),
     ) {
         let point = &points[index];
         for k in 0..self.samples {
@@ -66,7 +66,7 @@ impl DrawLights for RisMethod<'_> {
             let kept = resampled(&self.walk, point, self.candidates, target, random);
             counts.light_evaluations += evaluated;
             if let Some(Resampled { light, weight }) = kept {
-                each(Draw { light, weight: weight / f64::from(self.samples), tag: () }, random);
+                each(Draw { light, weight: weight / f64::from(self.samples), tag: () });
             }
         }
     }

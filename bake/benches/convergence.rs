@@ -5,8 +5,8 @@
 //! scene before the edit. Clusters by invalid flux, clusters first in, first out, and a bake from scratch. A
 //! line for each, and the curves as SVG into the folder named after `--svg`. `--quick` runs a small one;
 //! `--watch 64` says so many points of what is looked at, `--blind` none, `--why` what became of lights and
-//! how few changes would do, `--scene museum` runs one of them, `--points` where the curves are, `--least 0.5` sets the least share of
-//! validation.
+//! how few changes would do, `--scene museum` runs one of them, `--points` where the curves are, `--least 0.5`
+//! sets the least share of validation.
 
 mod common;
 #[path = "common/spending.rs"]

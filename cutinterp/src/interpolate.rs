@@ -65,8 +65,9 @@ pub enum Hidden {
 
 /// Several cuts of one tree laid over one another, ready to be interpolated with any weights.
 ///
-/// Memory: 16 bytes a node and 8 more for each input, 4 for each that has others below; beside that some 40, and 96 for each four inputs, for
-/// each node of the largest subtree on which the inputs differ. Kept from merge to merge.
+/// Memory: 16 bytes a node and 8 more for each input, 4 for each that has others below; beside that some 40,
+/// and 96 for each four inputs, for each node of the largest subtree on which the inputs differ. Kept from
+/// merge to merge.
 #[derive(Debug, Default)]
 pub struct MergedCuts {
     /// All nodes from the coarsest of the inputs to the finest, parents before children, left to right.

@@ -352,8 +352,7 @@ fn a_chain_of_a_hundred_thousand_levels() {
     let chain = Chain { lights };
     for metric in METRICS {
         let levels = Levels::measure(&chain, metric);
-        let leaves: Vec<NodeId> =
-            (1..lights).map(|i| NodeId(2 * i - 1)).chain([NodeId(2 * lights - 2)]).collect();
+        let leaves = chain.leaves();
         let root = vec![NodeId(0)];
         let inputs = [InputCut { nodes: &root, visible: &[] }, InputCut { nodes: &leaves, visible: &[] }];
         let mut merged = MergedCuts::default();
@@ -381,8 +380,7 @@ fn sums_of_levels_are_exact_where_those_of_f32_are_not() {
     let lights = 100_000u32;
     let chain = Chain { lights };
     let levels = Levels::measure(&chain, LevelMetric::Depth);
-    let leaves: Vec<NodeId> =
-        (1..lights).map(|i| NodeId(2 * i - 1)).chain([NodeId(2 * lights - 2)]).collect();
+    let leaves = chain.leaves();
     let root = vec![NodeId(0)];
     let inputs = [InputCut { nodes: &root, visible: &[] }, InputCut { nodes: &leaves, visible: &[] }];
     let mut merged = MergedCuts::default();
@@ -401,6 +399,12 @@ fn sums_of_levels_are_exact_where_those_of_f32_are_not() {
 /// Node 0 is the root; the children of inner node `2i` are the leaf `2i + 1` and the rest `2i + 2`.
 struct Chain {
     lights: u32,
+}
+
+impl Chain {
+    fn leaves(&self) -> Vec<NodeId> {
+        (1..self.lights).map(|i| NodeId(2 * i - 1)).chain([NodeId(2 * self.lights - 2)]).collect()
+    }
 }
 
 impl lighttree::Hierarchy for Chain {

@@ -18,6 +18,7 @@
 
 mod cache;
 mod canopy;
+mod disagreement;
 mod grid;
 mod interpolate;
 mod metric;
@@ -32,10 +33,11 @@ mod weights;
 
 pub use cache::MergeCache;
 pub use canopy::Canopy;
+pub use disagreement::{disagreeing, disagreement_radius};
 pub use grid::{ImageSite, RecordGrid};
 pub use interpolate::{Chosen, Hidden, InputCut, MergedCuts};
 pub use metric::{FirstNodes, Level, LevelMetric, Levels};
-pub use placement::{Placed, PlacementParams, PointImage, disagreeing, disagreement_radius, place};
+pub use placement::{Placed, PlacementParams, PointImage, place};
 pub use quick_bounds::{QuickBounds, QuickReceiver};
 pub use reconstruction::{Impostor, Impostors, Reconstructed, Reconstruction, ReconstructionParams};
 pub use record::{Record, Records};

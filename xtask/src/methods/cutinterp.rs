@@ -35,7 +35,7 @@ use stages::{Stage, Watch};
 pub(crate) use view::View;
 use view::asks_lights_with_area;
 
-/// Merged cuts that a thread remembers: those around some rows of 8 × 8 squares; some 15 MB.
+/// Merged cuts that a thread remembers: those around some rows of 8 × 8 squares; some 20 MB with their lights.
 const REMEMBERED_MERGES: usize = 256;
 
 /// Side of a cell of the records' grid, in pixels: that of the squares that are rendered at once.

@@ -18,7 +18,7 @@
 use core::ops::Range;
 
 use glam::{DVec3, Vec3};
-use lighttree::{LightHierarchy, NodeId};
+use lighttree::{LightHierarchy, NodeId, luminance};
 
 use crate::Levels;
 
@@ -49,11 +49,6 @@ struct Entry {
     end: u32,
     /// Whether the node has no entries below: it is in the cut, or nothing is seen of it.
     in_cut: bool,
-}
-
-/// The one number by which lights are compared.
-fn luminance(rgb: Vec3) -> f32 {
-    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }
 
 impl Impostors {

@@ -8,7 +8,7 @@ use cutinterp::{
 };
 use glam::{DVec3, Vec3};
 use lighttree::rng::Random;
-use lighttree::{ItemRanges, LightHierarchy, NodeId};
+use lighttree::{ItemRanges, LightHierarchy, NodeId, luminance_f64};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -38,7 +38,7 @@ fn exact(tree: &TestTree, cut: &[NodeId], seen: impl Fn(usize) -> bool) -> DVec3
 }
 
 fn luminance(rgb: DVec3) -> f32 {
-    rgb.dot(DVec3::new(0.2126, 0.7152, 0.0722)) as f32
+    luminance_f64(rgb) as f32
 }
 
 proptest! {

@@ -4,9 +4,9 @@
 //! below a share of the receiver's whole estimate as the cut stands.
 
 use glam::Vec3;
-use lighttree::{CutPolicy, LightHierarchy, LightId, NodeBound, NodeId};
+use lighttree::{CutPolicy, LightHierarchy, LightId, NodeBound, NodeId, luminance_f64};
 
-use crate::{LightcutParams, Representatives, Transfer, representatives::luminance};
+use crate::{LightcutParams, Representatives, Transfer};
 
 /// A node's estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,7 +28,7 @@ impl Estimate {
     /// Luminance that the node's lights give to the receiver, shadows included, in W·m⁻²·sr⁻¹ divided by the
     /// largest intensity of all the tree's lights: to be compared with others of the same tree.
     pub fn luminance(&self) -> f64 {
-        luminance(self.radiance)
+        luminance_f64(self.radiance.as_dvec3())
     }
 
     /// Luminance of the same without shadows, in the same unit: 0 where the receiver gets nothing from the
@@ -46,7 +46,7 @@ impl Estimate {
     /// light.
     pub fn seen(&self) -> f32 {
         if self.unoccluded > 0.0 {
-            (luminance(self.radiance) / f64::from(self.unoccluded)) as f32
+            (luminance_f64(self.radiance.as_dvec3()) / f64::from(self.unoccluded)) as f32
         } else {
             0.0
         }
@@ -122,7 +122,7 @@ where
         };
         Estimate {
             radiance: transfer.arrived * intensity,
-            unoccluded: luminance(transfer.unoccluded * intensity) as f32,
+            unoccluded: luminance_f64((transfer.unoccluded * intensity).as_dvec3()) as f32,
             transfer,
             light,
             clamped: transfer.lost * intensity,
@@ -163,13 +163,13 @@ where
         } else {
             self.estimate(representative.intensity, representative.light, parent)
         };
-        self.totals.lit += luminance(estimate.radiance);
+        self.totals.lit += luminance_f64(estimate.radiance.as_dvec3());
         self.totals.unoccluded += f64::from(estimate.unoccluded);
         (estimate, if leaf { 0.0 } else { self.error(node, representative.intensity) })
     }
 
     fn leave(&mut self, _: NodeId, estimate: &Estimate) {
-        self.totals.lit -= luminance(estimate.radiance);
+        self.totals.lit -= luminance_f64(estimate.radiance.as_dvec3());
         self.totals.unoccluded -= f64::from(estimate.unoccluded);
     }
 
@@ -190,7 +190,7 @@ where
     /// Bound of the luminance that a node of this RGB intensity can give, and so of the error of any estimate
     /// of it.
     fn error(&self, node: NodeId, intensity: Vec3) -> f64 {
-        let (bounds, luminance) = (self.tree.bounds(node), luminance(intensity));
+        let (bounds, luminance) = (self.tree.bounds(node), luminance_f64(intensity.as_dvec3()));
         if bounds.intensity == 0.0 || luminance == 0.0 {
             return 0.0;
         }

@@ -12,12 +12,7 @@ use core::fmt;
 use core::ops::Range;
 
 use glam::{DVec3, Vec3};
-use lighttree::{LightBounds, LightHierarchy, LightId, NodeId, rng};
-
-/// Rec. 709 luminance, the one scalar by which errors and totals are compared.
-pub(crate) fn luminance(rgb: Vec3) -> f64 {
-    rgb.as_dvec3().dot(DVec3::new(0.2126, 0.7152, 0.0722))
-}
+use lighttree::{LightBounds, LightHierarchy, LightId, NodeId, luminance_f64, rng};
 
 /// Who speaks for a cluster.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,7 +163,8 @@ impl Representatives {
             let (children, at) = (tree.children(node), tree.node_index(node));
             if children.is_empty() {
                 for slot in tree.items(node) {
-                    means[at].add(&places[slot as usize], luminance(relative(tree.light_at(slot))));
+                    means[at]
+                        .add(&places[slot as usize], luminance_f64(relative(tree.light_at(slot)).as_dvec3()));
                 }
             } else if children_done {
                 means[at] =
@@ -219,7 +215,7 @@ fn pick(seed: u32, node: NodeId, candidates: impl Iterator<Item = (Vec3, LightId
     let mut random = rng::Random::new(seed, node.0, 0);
     let (mut sum, mut total, mut chosen) = (DVec3::ZERO, 0.0, LightId::NONE);
     for (intensity, light) in candidates {
-        let weight = luminance(intensity);
+        let weight = luminance_f64(intensity.as_dvec3());
         sum += intensity.as_dvec3();
         total += weight;
         // A reservoir of one: keep the newcomer with probability weight / total.

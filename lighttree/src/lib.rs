@@ -63,8 +63,8 @@
 //!   away from the surface or along the emission.
 //! - **Units.** An emitter's strength is its *peak radiant intensity* in W·sr⁻¹: the most that it sends into
 //!   any direction. A surface of radiance L and area A has intensity L·A. It is a scalar: take the
-//!   largest colour channel where a bound must hold for each channel, a luminance where it only steers a
-//!   choice.
+//!   largest colour channel where a bound must hold for each channel, its [`luminance`] where it only steers
+//!   a choice.
 //! - **Contribution.** The *contribution* of a light to a receiver is ∫ L · f · cos θ · cos θ′ / d² dA, f the
 //!   BSDF and θ′ at the light: that is intensity towards the receiver × scattering at the receiver × its
 //!   cosine ÷ squared distance. Visibility is never in it.
@@ -93,6 +93,7 @@ mod emitter;
 pub mod exhaustive;
 mod four;
 mod hierarchy;
+mod luminance;
 mod node;
 pub mod oracle;
 pub mod parallel;
@@ -124,6 +125,7 @@ pub use emitter::{
 };
 pub use four::{FourBounds, FourCones};
 pub use hierarchy::{Hierarchy, ItemRanges, LightHierarchy, NodeId};
+pub use luminance::{luminance, luminance_f64};
 pub use node::{LightNode, PerfectNode};
 pub use perfect::{PerfectScratch, PerfectTree};
 pub use rays::{BatchRayQueries, Ray, RayBatches, RayHit, RayQueries, Segment};

@@ -5,7 +5,7 @@ mod common;
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::{Random, pcg4d};
-use lighttree::{Emitter, LightId, RayQueries, WeightedLight};
+use lighttree::{Emitter, LightId, RayQueries, WeightedLight, luminance};
 use render_gpu::Gpu;
 use render_gpu::shade::{RadianceRecord, ShadeKernel, ShadeParams, Shading, SurfaceRecord};
 use scene::{Counts, Frame, Light, RayScratch, RaysParams, SceneRays, ShadingPoint, camera_path, camera_ray};
@@ -79,7 +79,7 @@ fn on_device(
 fn check_outcomes(radiance: &[RadianceRecord], rows: &[WeightedLight], outcomes: &[f32]) {
     const LIGHTS: usize = self::LIGHTS as usize;
     for ((lit, row), told) in radiance.iter().zip(rows.chunks(LIGHTS)).zip(outcomes.chunks(LIGHTS)) {
-        let luminance = Vec3::from(lit.color).dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        let luminance = luminance(Vec3::from(lit.color));
         let sum: f32 = row.iter().zip(told).map(|(entry, told)| entry.weight * told).sum();
         assert!((sum - luminance).abs() <= 1e-4 * luminance, "{told:?} are {sum}, not {luminance}");
     }

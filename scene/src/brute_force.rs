@@ -4,9 +4,8 @@
 //! points of the square: such a bundle is several times faster to trace than single rays.
 
 use glam::{DVec3, Vec3};
-use lighttree::LightId;
+use lighttree::{LightId, luminance};
 
-use crate::film::luminance;
 use crate::light::{Light, LightPoint};
 use crate::render::{Counts, DirectLighting, Frame};
 use crate::shading::{Geometry, ShadingPoint};

@@ -18,14 +18,7 @@ impl Film {
     pub fn new(width: u32, height: u32) -> Self {
         Self { width, height, pixels: vec![Vec3::ZERO; width as usize * height as usize] }
     }
-}
 
-/// Rec. 709 luminance of linear RGB.
-pub fn luminance(rgb: Vec3) -> f32 {
-    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
-}
-
-impl Film {
     /// 8-bit sRGB of the picture times 2^`stops`, three bytes a pixel; what is brighter than white is white.
     pub fn to_srgb(&self, stops: f32) -> Vec<u8> {
         let scale = stops.exp2();

@@ -182,7 +182,7 @@ fn write(path: &Path, write: impl FnOnce(&Path) -> Result<(), String>) -> Result
 pub fn auto_exposure(film: &Film) -> f32 {
     const MIDDLE_GREY: f32 = 0.18;
     let mut luminances: Vec<f32> =
-        film.pixels.iter().map(|&p| crate::luminance(p)).filter(|&l| l > 0.0 && l.is_finite()).collect();
+        film.pixels.iter().map(|&p| lighttree::luminance(p)).filter(|&l| l > 0.0 && l.is_finite()).collect();
     if luminances.is_empty() {
         return 0.0;
     }

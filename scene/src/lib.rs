@@ -34,13 +34,14 @@ pub use brute_force::BruteForce;
 pub use builtin::{BUILTIN_SCENES, BuiltinError, MAX_BUILTIN_LIGHTS, Motion, builtin};
 pub use camera::Camera;
 pub use export::{ExportError, LightmappedMesh, LightmappedNode, write_glb};
-pub use film::{Film, luminance};
+pub use film::Film;
 pub use gbuffer::{GBuffer, LastFrame};
 pub use image_io::{
     ExrDepth, ImageError, auto_exposure, read_exr, write_exr, write_exr_about, write_exr_from, write_png,
 };
 pub use import::{ImportError, ImportLimits, ImportOptions, ImportProblem, SceneChoice, load};
 pub use light::{DistantLight, Light, LightPoint, LightView, Profile};
+pub use lighttree::luminance;
 pub use material::{AlphaMode, Material, MaterialMode, TextureSlot};
 pub use metrics::{Errors, MetricError, compare};
 pub use model::{EmissionSummary, Instance, Mesh, Scene};

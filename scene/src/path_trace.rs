@@ -6,12 +6,11 @@
 //! mirrors and glass can only be hit.
 
 use glam::{DVec3, Vec3};
-use lighttree::LightId;
 use lighttree::rng::Random;
+use lighttree::{LightId, luminance};
 
 use crate::Light;
 use crate::bsdf::Transport;
-use crate::film::luminance;
 use crate::next_event::{NextEvent, NextEventDraw};
 use crate::render::{Counts, DirectLighting, Frame, IndirectLighting, distant_light};
 use crate::shading::{Coverage, Geometry, MAX_CHAIN, Purpose, ShadingPoint, Vertex, vertex};

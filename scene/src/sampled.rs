@@ -3,9 +3,10 @@
 
 use glam::{DVec3, Vec3};
 use lighttree::rng::{Decisions, Random};
-use lighttree::{LightHierarchy, LightId, LightSample, LightSampler, Segment, TreeSampler, WalkFrom, Walks};
+use lighttree::{
+    LightHierarchy, LightId, LightSample, LightSampler, Segment, TreeSampler, WalkFrom, Walks, luminance,
+};
 
-use crate::film::luminance;
 use crate::light::LightPoint;
 use crate::render::{Counts, DirectLighting, Frame};
 use crate::shading::{Geometry, Purpose, ShadingPoint};

@@ -173,7 +173,7 @@ fn virtual_lights_converge_to_path_tracing() {
     )
     .unwrap();
     let luminance =
-        |pixels: &[Vec3]| pixels.iter().map(|&p| f64::from(scene::luminance(p))).sum::<f64>() / 1024.0;
+        |pixels: &[Vec3]| pixels.iter().map(|&p| f64::from(lighttree::luminance(p))).sum::<f64>() / 1024.0;
     let lost = luminance(&found.film.pixels) - luminance(&clamped.film.pixels);
     let counted = clamped.counts.clamped_luminance / clamped.counts.samples as f64;
     assert!(

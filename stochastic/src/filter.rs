@@ -164,8 +164,3 @@ impl FilterInput<'_> {
         }
     }
 }
-
-/// Rec. 709 luminance of linear RGB.
-fn luminance([r, g, b]: [f32; 3]) -> f32 {
-    0.2126 * r + 0.7152 * g + 0.0722 * b
-}

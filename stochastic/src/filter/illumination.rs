@@ -5,10 +5,11 @@
 //! that squares neither over- nor underflow.
 
 use glam::Vec3;
+use lighttree::luminance;
 
+use super::FilterInput;
 use super::guides::{Guides, Kind, kind};
 use super::planes::{Planes, sum_over_rows};
-use super::{FilterInput, luminance};
 
 /// Red, green, blue of the scaled illumination, and the variance of its luminance.
 pub(super) type Signal = Planes<4>;
@@ -133,5 +134,5 @@ pub(super) fn compose(
 
 /// Luminance of pixel `x` of a row of a signal.
 pub(super) fn luminance_at([r, g, b, _]: [&[f32]; 4], x: usize) -> f32 {
-    luminance([r[x], g[x], b[x]])
+    luminance(Vec3::new(r[x], g[x], b[x]))
 }

@@ -13,9 +13,10 @@
 //! finer than a pixel with it. How often it happens is counted in [`FilterReport::clipped`].
 
 use glam::{Vec2, Vec3};
+use lighttree::luminance;
 
 use super::planes::sum_over_rows;
-use super::{FilterError, FilterInput, FilterReport, luminance};
+use super::{FilterError, FilterInput, FilterReport};
 
 /// The range that a pixel's history is moved into.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -152,7 +153,7 @@ impl Frame<'_> {
         if !new.is_finite() {
             return history;
         }
-        let weight = |color: Vec3| 1.0 / (1.0 + luminance(color.to_array()).max(0.0) / params.white);
+        let weight = |color: Vec3| 1.0 / (1.0 + luminance(color).max(0.0) / params.white);
         let (new_weight, old_weight) = (params.alpha * weight(new), (1.0 - params.alpha) * weight(history));
         history + (new - history) * (new_weight / (new_weight + old_weight))
     }

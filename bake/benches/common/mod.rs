@@ -302,8 +302,14 @@ pub(crate) fn finish(
     }
 }
 
-/// CPU time of all threads of this program, which other work on the machine does not stretch.
+/// CPU time of all threads of this program, which other work on the machine does not stretch; the time of day
+/// where there is no such clock.
 pub(crate) fn cpu_time() -> Duration {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
+    }
+    #[cfg(not(unix))]
+    std::time::UNIX_EPOCH.elapsed().expect("a clock that runs")
 }

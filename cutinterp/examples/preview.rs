@@ -5,7 +5,7 @@
 use core::f32::consts::{FRAC_1_PI, TAU};
 
 use cutinterp::{
-    Hidden, LevelMetric, Levels, MergeCache, PlacementParams, Point, PointImage, RecordGrid, Records,
+    Hidden, LevelMetric, Levels, MergeCache, PlacementParams, Point, PointImage, Record, RecordGrid, Records,
     Selection, Visibility, place, sum_up,
 };
 use glam::Vec3;
@@ -117,8 +117,13 @@ fn main() -> Result<(), Box<dyn core::error::Error>> {
         exact.cut(&here.receiver(), &GeometricBound, transfer, &mut scratch, &mut cut);
         let brightness: f64 = cut.values().iter().map(|estimate| estimate.luminance()).sum();
         let nodes = cut.iter().map(|(node, estimate)| (node, estimate.seen() > 0.5));
-        let footprint = point(here).footprint;
-        records.push(at.site(), at.harmonic_mean, footprint, brightness as f32, nodes);
+        let record = Record {
+            site: at.site(),
+            harmonic_mean: at.harmonic_mean,
+            footprint: point(here).footprint,
+            brightness: brightness as f32,
+        };
+        records.push(record, nodes);
     }
     let sites: Vec<_> = placed.iter().map(|at| image.image_site(at)).collect();
     let grid = RecordGrid::new(WIDTH, HEIGHT, 8, &sites);

@@ -4,7 +4,7 @@ use lighttree::{LightHierarchy, NodeId};
 
 use crate::{Canopy, InputCut, Levels, Site};
 
-/// What is kept of a record beside its cut.
+/// What a host says of a record beside its cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Record {
     /// Place and radius.
@@ -17,6 +17,12 @@ pub struct Record {
     /// Luminance that the exact cut gave, in any unit that is the same for all records: what neighbours are
     /// compared by.
     pub brightness: f32,
+}
+
+/// A record and where its cut is.
+#[derive(Clone, Copy, Debug)]
+struct Kept {
+    record: Record,
     nodes: u32,
     first_node: usize,
     first_word: usize,
@@ -27,7 +33,7 @@ pub struct Record {
 /// Memory: 64 bytes a record, and 4 bytes and a bit a node of its cut; a cut's bits begin a new word of 32.
 #[derive(Clone, Debug, Default)]
 pub struct Records {
-    records: Vec<Record>,
+    records: Vec<Kept>,
     nodes: Vec<NodeId>,
     visible: Vec<u32>,
 }
@@ -39,14 +45,7 @@ impl Records {
     ///
     /// # Panics
     /// Beyond 2³² - 1 records, or nodes in one cut.
-    pub fn push(
-        &mut self,
-        site: Site,
-        harmonic_mean: f32,
-        footprint: f32,
-        brightness: f32,
-        cut: impl Iterator<Item = (NodeId, bool)>,
-    ) -> u32 {
+    pub fn push(&mut self, record: Record, cut: impl Iterator<Item = (NodeId, bool)>) -> u32 {
         let (first_node, first_word) = (self.nodes.len(), self.visible.len());
         for (i, (node, seen)) in cut.enumerate() {
             if i % 32 == 0 {
@@ -57,15 +56,7 @@ impl Records {
         }
         let nodes = u32::try_from(self.nodes.len() - first_node).expect("a cut has fewer than 2^32 nodes");
         let id = u32::try_from(self.records.len()).expect("there are fewer than 2^32 records");
-        self.records.push(Record {
-            site,
-            harmonic_mean,
-            footprint,
-            brightness,
-            nodes,
-            first_node,
-            first_word,
-        });
+        self.records.push(Kept { record, nodes, first_node, first_word });
         id
     }
 
@@ -80,8 +71,8 @@ impl Records {
     }
 
     /// All records by id.
-    pub fn all(&self) -> &[Record] {
-        &self.records
+    pub fn all(&self) -> impl ExactSizeIterator<Item = &Record> {
+        self.records.iter().map(|kept| &kept.record)
     }
 
     /// A record.
@@ -90,7 +81,7 @@ impl Records {
     /// If there is no such record.
     #[inline]
     pub fn get(&self, id: u32) -> &Record {
-        &self.records[id as usize]
+        &self.records[id as usize].record
     }
 
     /// The cut of a record, ready to be interpolated.
@@ -98,7 +89,7 @@ impl Records {
     /// # Panics
     /// If there is no such record.
     pub fn cut(&self, id: u32) -> InputCut<'_> {
-        let &Record { nodes, first_node, first_word, .. } = self.get(id);
+        let &Kept { nodes, first_node, first_word, .. } = &self.records[id as usize];
         let nodes = &self.nodes[first_node..first_node + nodes as usize];
         InputCut { nodes, visible: &self.visible[first_word..first_word + nodes.len().div_ceil(32)] }
     }
@@ -111,7 +102,7 @@ impl Records {
     /// If one of them is not a cut of `tree`.
     pub fn settle<T: LightHierarchy + ?Sized>(&mut self, tree: &T, levels: &Levels) -> Canopy {
         let canopy = Canopy::over(tree, levels, std::iter::once(&self.nodes[..]));
-        for &Record { nodes, first_node, .. } in &self.records {
+        for &Kept { nodes, first_node, .. } in &self.records {
             canopy.rename(&mut self.nodes[first_node..first_node + nodes as usize]);
         }
         canopy
@@ -119,7 +110,7 @@ impl Records {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.records.capacity() * size_of::<Record>()
+        self.records.capacity() * size_of::<Kept>()
             + self.nodes.capacity() * size_of::<NodeId>()
             + self.visible.capacity() * size_of::<u32>()
     }

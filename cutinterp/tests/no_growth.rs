@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Shape, TestTree};
-use cutinterp::{Hidden, LevelMetric, Levels, MergeCache, MergedCuts, Records, Selection, Site};
+use cutinterp::{Hidden, LevelMetric, Levels, MergeCache, MergedCuts, Record, Records, Selection, Site};
 use glam::Vec3;
 use lighttree::rng::Random;
 
@@ -15,11 +15,12 @@ fn a_cache_of_any_size_gives_the_same_cuts_and_stops_growing() {
     let levels = Levels::measure(&tree, LevelMetric::Depth);
     let mut records = Records::default();
     let site = Site { position: Vec3::ZERO, normal: Vec3::Y, radius: 1.0 };
+    let record = Record { site, harmonic_mean: 1.0, footprint: 1.0, brightness: 1.0 };
     for _ in 0..12 {
         let focus = random.f64() * 2000.0;
         let cut = tree.random_cut(100, focus, &mut random);
         let seen: Vec<_> = cut.into_iter().map(|node| (node, random.f32() < 0.7)).collect();
-        records.push(site, 1.0, 1.0, 1.0, seen.into_iter());
+        records.push(record, seen.into_iter());
     }
     let selections: Vec<Selection> = (0..300)
         .map(|i| {

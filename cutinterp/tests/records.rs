@@ -4,8 +4,8 @@ mod common;
 
 use common::{Shape, TestTree};
 use cutinterp::{
-    Chosen, ImageSite, LevelMetric, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records,
-    Selection, Site, Visibility, WeightParams, disagreeing, disagreement_radius, place, sum_up,
+    Chosen, ImageSite, LevelMetric, Levels, Placed, PlacementParams, Point, PointImage, Record, RecordGrid,
+    Records, Selection, Site, Visibility, WeightParams, disagreeing, disagreement_radius, place, sum_up,
 };
 
 use glam::{DVec3, Vec3};
@@ -349,8 +349,8 @@ fn records_hold_what_their_memory_says() {
     let site = Site { position: Vec3::ZERO, normal: Vec3::Y, radius: 1.0 };
     let nodes = 700;
     for r in 0..200u32 {
-        let id =
-            records.push(site, 2.0, 0.1, r as f32, (0..nodes).map(|i| (NodeId(i + r), (i + r) % 3 == 0)));
+        let record = Record { site, harmonic_mean: 2.0, footprint: 0.1, brightness: r as f32 };
+        let id = records.push(record, (0..nodes).map(|i| (NodeId(i + r), (i + r) % 3 == 0)));
         assert_eq!(id, r);
     }
     for r in 0..200u32 {
@@ -374,10 +374,11 @@ fn settled_records_have_the_same_cuts_in_a_canopy_of_the_size_that_its_memory_sa
     let levels = Levels::measure(&tree, LevelMetric::Depth);
     let mut records = Records::default();
     let site = Site { position: Vec3::ZERO, normal: Vec3::Y, radius: 1.0 };
+    let record = Record { site, harmonic_mean: 1.0, footprint: 1.0, brightness: 1.0 };
     let cuts: Vec<Vec<NodeId>> =
         (0..30).map(|i| tree.random_cut(80, 100.0 * f64::from(i), &mut random)).collect();
     for cut in &cuts {
-        records.push(site, 1.0, 1.0, 1.0, cut.iter().map(|&node| (node, node.0 % 3 > 0)));
+        records.push(record, cut.iter().map(|&node| (node, node.0 % 3 > 0)));
     }
     let canopy = records.settle(&tree, &levels);
     for (id, cut) in (0..).zip(&cuts) {

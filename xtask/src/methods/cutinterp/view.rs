@@ -3,7 +3,8 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use cutinterp::{
-    Canopy, Levels, Placed, PlacementParams, Point, PointImage, RecordGrid, Records, Site, WeightParams,
+    Canopy, Levels, Placed, PlacementParams, Point, PointImage, Record, RecordGrid, Records, Site,
+    WeightParams,
 };
 use glam::Vec3;
 use lightcut::Estimate;
@@ -117,8 +118,13 @@ impl View {
         for (placed, cut) in placed.iter().zip(cuts) {
             let footprint = points[placed.pixel as usize].map_or(0.0, |point| point.footprint);
             counts.add(&cut.counts);
-            let nodes = cut.nodes.into_iter();
-            records.push(placed.site(), placed.harmonic_mean, footprint, cut.brightness, nodes);
+            let record = Record {
+                site: placed.site(),
+                harmonic_mean: placed.harmonic_mean,
+                footprint,
+                brightness: cut.brightness,
+            };
+            records.push(record, cut.nodes.into_iter());
         }
         let canopy = records.settle(lightcut.tree, levels);
         let grid = grid_of(&image, &placed);

@@ -8,7 +8,9 @@ use crate::Polygon;
 /// plane through the farthest point along the normal. Where there are more than 8 corners, those go first
 /// that cost least area. Fewer than 3 where the points span none.
 ///
-/// Andrew's monotone chain; equal points and points on edges are no corners.
+/// Andrew's monotone chain; equal points and points on edges are no corners. (`photoncut` has one of its own:
+/// in f32 and in memory that is kept, for it is asked at each look-up, and it says which points the corners
+/// are.)
 pub(crate) fn convex_hull(points: &[Vec3], normal: Vec3) -> Vec<Vec3> {
     let normal = normal.as_dvec3();
     let (a, b) = normal.any_orthonormal_pair();

@@ -139,7 +139,8 @@ impl PhotonMap {
 }
 
 /// Andrew's monotone chain, 1979: sorts `points`, leaves the places of the corners in `hull`, and returns the
-/// area.
+/// area. (`bake` has one of its own: points in space as f64, and at most eight corners. An algorithm's crate
+/// knows no other, and what both do is a loop of ten lines.)
 fn convex_hull(points: &mut [(f32, f32, u32)], hull: &mut Vec<u32>) -> f32 {
     points.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
     let at = |place: u32| Vec2::new(points[place as usize].0, points[place as usize].1);

@@ -1,99 +1,33 @@
 //! One picture: method, light tree, virtual lights and global illumination put together.
 
+mod dials;
+mod plan;
+
 use std::borrow::Cow;
 use std::time::Instant;
 
 use clustering::Clusters;
-use cutinterp::{LevelMetric, Levels, PlacementParams, ReconstructionParams, Visibility, WeightParams};
-use lightcut::{LightcutParams, Representatives};
+use cutinterp::{LevelMetric, Levels, ReconstructionParams, WeightParams};
+use lightcut::Representatives;
 use lighttree::{LightHierarchy, LightSampler, PowerSampler, TreeSampler, UniformSampler};
 use scene::{
     BruteForce, Camera, DirectLighting, Drawn, Film, Frame, IndirectLighting, Light, NextEvent, NoDirect,
     NoIndirect, PathTracer, Progress, RenderParams, Rendered, Sampled, Scene, SceneRays, ShadingPoint,
     WalkReport, Walked,
 };
-use serde_json::{Value, json};
 use stochastic::{EnergySpread, TwoLevelSampler};
 
+use self::dials::{cutinterp_params, lightcut_params};
+pub(crate) use self::plan::{Gi, Plan};
 use crate::device::{Device, Lit};
 use crate::failure::Failure;
 use crate::methods::filter::{Filter, Filtered};
 use crate::methods::{
-    CutCdfMethod, CutInterpMethod, CutInterpParams, Learned, LightcutMethod, Maps, Method, NextEventCells,
-    NextEventSubtrees, PhotonLight, REPRESENTATIVES, ReconMethod, RisMethod, SharedCutMethod, Show, Sparse,
-    SubtreesMethod, View, WhereBeyond, cut_sampler, next_event_lights, representatives, split_sampler,
+    CutCdfMethod, CutInterpMethod, Learned, LightcutMethod, Maps, Method, NextEventCells, NextEventSubtrees,
+    PhotonLight, REPRESENTATIVES, ReconMethod, RisMethod, SharedCutMethod, Sparse, SubtreesMethod, View,
+    cut_sampler, next_event_lights, representatives, split_sampler,
 };
-use crate::settings::Settings;
 use crate::trees::{self, KeptMeshes, Tree, either};
-
-/// Light beyond the direct one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Gi {
-    /// None.
-    None,
-    /// As virtual point lights: about this many.
-    Vpl(usize),
-    /// By path tracing.
-    Path,
-}
-
-impl Gi {
-    /// As written after `--gi`.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Vpl(_) => "vpl",
-            Self::Path => "path",
-        }
-    }
-
-    /// Virtual point lights asked for.
-    pub(crate) const fn vpls(self) -> Option<usize> {
-        match self {
-            Self::Vpl(count) => Some(count),
-            _ => None,
-        }
-    }
-}
-
-/// Everything that decides what a picture looks like, but for the scene, the camera and the size.
-#[derive(Clone, Debug)]
-pub(crate) struct Plan {
-    /// Of direct light.
-    pub(crate) method: Method,
-    /// The method's dials.
-    pub(crate) settings: Settings,
-    /// Of indirect light.
-    pub(crate) gi: Gi,
-    /// Indirect bounces.
-    pub(crate) bounces: u32,
-    /// Of every random number, but for those below.
-    pub(crate) seed: u32,
-    /// Of lights drawn and places on them.
-    pub(crate) light_seed: u32,
-}
-
-impl Plan {
-    /// All that decides what the picture looks like, and nothing else: the same picture has the same words,
-    /// whatever the machine.
-    pub(crate) fn about(&self, scene: &str, camera: &str, params: &RenderParams) -> Value {
-        json!({
-            "scene": scene,
-            "camera": camera,
-            "width": params.width,
-            "height": params.height,
-            "method": self.method.about().name,
-            "settings": self.settings.json(),
-            "spp": params.spp,
-            "pixels": params.pixels,
-            "seed": self.seed,
-            "gi": self.gi.name(),
-            "bounces": self.bounces,
-            "vpls": self.gi.vpls(),
-            "unit": "linear RGB radiance, W/m2/sr",
-        })
-    }
-}
 
 /// What a picture is taken of.
 #[derive(Clone, Copy)]
@@ -517,49 +451,4 @@ fn say_what_was_lost(report: &WalkReport) {
             100.0 * report.deposited_glossy / report.deposited
         );
     }
-}
-
-/// The dials of a lightcut; their ranges were checked when they were read.
-fn lightcut_params(settings: &Settings) -> LightcutParams {
-    let number = |key| settings.number(key).unwrap_or_default();
-    LightcutParams {
-        threshold: number("threshold"),
-        max_nodes: settings.whole("max_nodes"),
-        floor: number("floor"),
-        shadow_floor: number("shadow_floor"),
-        ..LightcutParams::paper()
-    }
-}
-
-/// The dials of cut interpolation; their ranges were checked when they were read, but not together.
-fn cutinterp_params(settings: &Settings) -> Result<CutInterpParams, Failure> {
-    let number = |key| settings.number(key).unwrap_or_default();
-    let visibility = match settings.text("visibility") {
-        "full" => Visibility::Full,
-        "adaptive" => Visibility::Adaptive { share: number("ray_share"), trust: number("trust") },
-        _ => Visibility::Interpolated,
-    };
-    let weights = WeightParams {
-        r_min: number("r_min"),
-        r_max: number("r_max"),
-        cos_max_angle: number("max_angle").to_radians().cos(),
-        ..WeightParams::paper()
-    };
-    let placement = PlacementParams { weights, coverage: number("coverage"), ..PlacementParams::paper() };
-    placement
-        .check()
-        .map_err(|why| Failure::usage(format!("--set r_min, r_max, max_angle, coverage: {why}")))?;
-    Ok(CutInterpParams {
-        visibility,
-        placement,
-        beyond: number("beyond"),
-        where_beyond: match settings.text("where_beyond") {
-            "finest" => WhereBeyond::Finest,
-            _ => WhereBeyond::Refine,
-        },
-        rays_from_lights: settings.text("rays_from") == "lights",
-        guard: number("guard"),
-        spread: number("spread"),
-        show: Show::named(settings.text("show")),
-    })
 }

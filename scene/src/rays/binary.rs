@@ -111,4 +111,10 @@ impl BinaryNode {
     fn new(bounds: &Aabb, primitive: u32) -> Self {
         Self { low: bounds.min.into(), high: bounds.max.into(), left: NONE, right: NONE, primitive }
     }
+
+    /// Half the surface of its box.
+    pub(super) fn half_area(&self) -> f32 {
+        let [x, y, z] = [0, 1, 2].map(|k| self.high[k] - self.low[k]);
+        x * y + y * z + z * x
+    }
 }

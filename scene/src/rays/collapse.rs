@@ -28,8 +28,7 @@ impl Plan {
         let (mut cost, mut count) = (vec![[0f32; LANES]; n], vec![1u32; n]);
         for i in (0..n).rev() {
             let node = &tree.nodes[i];
-            let [x, y, z] = [0, 1, 2].map(|k| node.high[k] - node.low[k]);
-            let area = x * y + y * z + z * x;
+            let area = node.half_area();
             if node.primitive != NONE {
                 cost[i] = [area; LANES];
                 continue;
@@ -106,6 +105,12 @@ impl Plan {
         let mut children = Vec::with_capacity(LANES);
         while let Some((source, target, below)) = work.pop() {
             self.children(tree, source, &mut children);
+            // A query for any hit goes on with the last child that the ray may meet: the largest one stops
+            // most rays.
+            children.sort_by(|&a, &b| {
+                let area = |i: u32| tree.nodes[i as usize].half_area();
+                area(a).total_cmp(&area(b))
+            });
             // While one child is walked, its siblings wait on the stack.
             let waiting = below + children.len() - 1;
             deepest = deepest.max(waiting + 1);

@@ -37,8 +37,8 @@ macro_rules! traverse_kernel {
             false
         }
 
-        /// The first leaf found that stops the ray. Children are visited in the order of the tree: nearest
-        /// first costs more than it saves where any hit will do.
+        /// The first leaf found that stops the ray. Children are visited in the order of the tree, the largest
+        /// first: nearest first costs more than it saves where any hit will do.
         #[inline]
         $(#[$feature])*
         fn blocker<F: HitFilter>(bvh: &WideBvh, ray: &Traced, filter: &F, stack: &mut [u32; STACK]) -> Option<Link> {

@@ -118,12 +118,17 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<(), Failure> {
     // Give each method its time.
     let mut rows = Vec::new();
     for plan in &plans {
-        let row = run(&stage, plan, &params, args.seconds_per_method, &reference)?;
+        let Some(row) = run(&stage, plan, &params, args.seconds_per_method, &reference)? else { break };
         eprintln!("{}", line(&row));
         rows.push(row);
         if stop::asked() {
             break;
         }
+    }
+
+    if rows.is_empty() {
+        let line = "cut short before the first method was finished; nothing is written";
+        return Err(Failure::Interrupted(line.to_owned()));
     }
 
     // Write it all with one exposure.
@@ -190,18 +195,22 @@ fn plans(args: &CompareArgs) -> Result<Vec<Plan>, Failure> {
     methods.into_iter().map(plan).collect()
 }
 
-/// Renders one sample per pixel, and then as many more as the rest of the time allows.
+/// Renders one sample per pixel, and then as many more as the rest of the time allows. `None` if that was cut
+/// short before each pixel had one.
 fn run(
     stage: &Stage<'_>,
     plan: &Plan,
     params: &RenderParams,
     seconds: f64,
     reference: &Reference,
-) -> Result<Row, Failure> {
+) -> Result<Option<Row>, Failure> {
     let watched = Watched::new(plan.method.about().name);
     let prepared = stage.prepare(plan)?;
     let start = Instant::now();
     let first = stage.render(plan, &prepared, params, &watched)?;
+    if first.cut_short {
+        return Ok(None);
+    }
     let once = start.elapsed().as_secs_f64();
     let more = ((seconds - prepared.seconds - once) / once).floor().clamp(0.0, 1e6) as u32;
     let (mut film, mut counts, mut spp) = (first.film, first.counts, 1);
@@ -219,7 +228,7 @@ fn run(
     let rendered = Rendered { film, counts, mask, cut_short: false };
     let errors = report::errors(&rendered, &reference.film)?;
     let Rendered { film, counts, .. } = rendered;
-    Ok(Row {
+    Ok(Some(Row {
         method: plan.method,
         settings: plan.settings.clone(),
         film,
@@ -228,7 +237,7 @@ fn run(
         render_seconds,
         counts,
         errors,
-    })
+    }))
 }
 
 fn line(row: &Row) -> String {

@@ -169,10 +169,12 @@ impl Sequence<'_> {
             device.add_stage("filter", filtered.filter);
         }
 
-        // Compare it with what there is.
+        // Compare it with what there is, unless it was cut short before its first tile.
+        let nothing = rendered.cut_short && rendered.mask.as_ref().is_some_and(|mask| !mask.contains(&true));
         let against = |film: &Film| report::errors(&rendered, film);
-        let error = self.reference.map(against).transpose()?;
-        let change = kept.film.as_ref().map(against).transpose()?.map(|errors| errors.relmse);
+        let error = self.reference.filter(|_| !nothing).map(against).transpose()?;
+        let change =
+            kept.film.as_ref().filter(|_| !nothing).map(against).transpose()?.map(|errors| errors.relmse);
         if self.frames > 1 {
             kept.film = Some(rendered.film.clone());
         }

@@ -13,7 +13,6 @@
 use glam::Vec3;
 
 use self::tile::{Scratch, Tile};
-
 use crate::{ImageSite, Point, Site, WeightParams};
 
 mod tile;

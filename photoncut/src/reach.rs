@@ -179,7 +179,7 @@ mod tests {
     use super::*;
 
     fn sample(position: Vec3, radius: f32) -> CutSample {
-        CutSample { position, radius, normal: Vec3::Y, irradiance: Vec3::ONE }
+        CutSample { position, radius, say: 1.0, normal: Vec3::Y, irradiance: Vec3::ONE }
     }
 
     /// Everybody who reaches a place is in its list, few others are, and memory is as stated.

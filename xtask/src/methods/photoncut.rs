@@ -40,7 +40,7 @@ const CAUSTIC_RADIUS: Key = Key {
 };
 const NEAREST: Key = Key {
     name: "nearest",
-    default: "100",
+    default: "70",
     range: Range::Whole(2, 4096),
     trades: "photons in a density estimate: less noise, for blur and time",
 };
@@ -135,7 +135,7 @@ pub(super) const PHOTONCUT_KEYS: [Key; 30] = [
     },
     Key {
         name: "finer",
-        default: "8",
+        default: "4",
         range: Range::Whole(1, 64),
         trades: "how many times fewer rays each doubtful point casts, and how many times more of them there are: more finds smaller gaps, for noise",
     },

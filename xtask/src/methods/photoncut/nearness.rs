@@ -40,6 +40,8 @@ pub(crate) struct Nearness {
     /// By pixel.
     point_of: Vec<u32>,
     places: Vec<Place>,
+    /// Rays that a place's distance is from, about.
+    rays: f32,
 }
 
 impl Nearness {
@@ -54,7 +56,8 @@ impl Nearness {
         let mut point_of = vec![NOTHING; size.0 as usize * size.1 as usize];
         (0..).zip(points).for_each(|(i, point)| point_of[point.pixel as usize] = i);
         let places = points.iter().map(|point| Place::new(point.position, point.normal)).collect();
-        let mut nearness = Self { size, point_of, places };
+        let pooled = (2 * POOL as u32 + 1).pow(2) * rays;
+        let mut nearness = Self { size, point_of, places, rays: pooled as f32 };
         if rays == 0 {
             return nearness;
         }
@@ -104,6 +107,13 @@ impl Nearness {
     /// The places of the points, in their order.
     pub(super) fn places(&self) -> &[Place] {
         &self.places
+    }
+
+    /// Harmonic mean of the distances that `rays` rays from a point went, whose own mean is `distance`, and those
+    /// of the pixels around it: some ten rays alone are noise, and are small where they met light that is near.
+    pub(super) fn with_own(&self, index: u32, distance: f32, rays: u32) -> f32 {
+        let around = self.places[index as usize].mean_distance;
+        (rays as f32 + self.rays) / (rays as f32 / distance + self.rays / around)
     }
 
     /// Where any camera sample asks for light: it takes the distance of the nearest point on its surface in
@@ -192,6 +202,12 @@ mod tests {
         let each = counts.closest_hit_rays as f64 / points.len() as f64;
         assert!(each > 100.0 && each <= 101.0, "{each} rays a point");
         assert!(points.iter().all(|point| none.place(point).mean_distance == f32::INFINITY));
+
+        // Rays of one's own count with those around, each alike.
+        assert_eq!(none.with_own(7, 2.0, 25), 2.0);
+        let around = one.places()[7].mean_distance;
+        let (close, expected) = (one.with_own(7, 0.1 * around, 25), around / 5.5);
+        assert!((close / expected - 1.0).abs() < 1e-5, "{close}, not {expected}");
 
         // The middle one of factors by which distances are off.
         let off = |wanted: &[f32], found: &dyn Fn(usize) -> f32| {

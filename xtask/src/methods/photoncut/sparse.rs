@@ -245,7 +245,7 @@ impl<'a> Gatherer<'a> {
                         );
                     let (index, sh) = ((first + i) as u32, harmonics.as_mut());
                     let Self { frame, maps, .. } = *self;
-                    let sample = gathering::at(
+                    let mut sample = gathering::at(
                         frame,
                         maps,
                         point,
@@ -257,6 +257,7 @@ impl<'a> Gatherer<'a> {
                         memory,
                         &mut counts,
                     );
+                    sample.mean_distance = self.nearness.with_own(chosen[i], sample.mean_distance, rays);
                     let met = memory.gather.met(point.position).filter(|_| self.guided).collect();
                     (sample, met)
                 });

@@ -44,11 +44,11 @@ impl Split {
 pub struct CutSample {
     /// World-space centre of the node's box.
     pub position: Vec3,
-    /// How far it reaches: [`REACH`] of the longest side of the node's box, at least half the distance that
+    /// How far it reaches: seven tenths of the longest side of the node's box, at least half the distance that
     /// its own density estimate reached. All of that distance would give samples that are dark by chance more
     /// say than bright ones: 2 % of the light.
     pub radius: f32,
-    /// What it counts beside others, from 1 on: (R/r)^[`SAY`], with R the largest radius of the cut.
+    /// What it counts beside others, from 1 on: (R/r)^¼, with R the largest radius of the cut.
     pub say: f32,
     /// Unit mean normal of the node's photons.
     pub normal: Vec3,
@@ -70,7 +70,7 @@ pub(crate) const SAY: f32 = 0.25;
 
 /// A cut through a photon map with an irradiance on each node, and an index of where each reaches.
 ///
-/// Memory: 48 bytes a node of the cut, and at most 384 of index (80 to 90 in rooms).
+/// Memory: 48 bytes a node of the cut, and at most 384 of index (50 to 95 in rooms).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct IlluminationCut {
     cut: Cut<CutSample>,

@@ -36,7 +36,7 @@ struct Cell {
 }
 
 /// Lists of the samples that reach into each part of space. At most 24 entries of 4 bytes a sample, and fewer
-/// cells of 12 bytes than entries; 80 to 90 bytes in rooms.
+/// cells of 12 bytes than entries; 50 to 95 bytes in rooms.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Reach {
     /// The first is all of space.

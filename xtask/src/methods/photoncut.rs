@@ -40,7 +40,7 @@ const CAUSTIC_RADIUS: Key = Key {
 };
 const NEAREST: Key = Key {
     name: "nearest",
-    default: "70",
+    default: "100",
     range: Range::Whole(2, 4096),
     trades: "photons in a density estimate: less noise, for blur and time",
 };

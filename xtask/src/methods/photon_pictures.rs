@@ -92,6 +92,27 @@ fn own_gathers_bring_missing_light() {
     assert!(all.1 > none.1 + 90_000, "{all:?} and {none:?}");
 }
 
+/// What is glossy follows its own lobes where it gathers for itself: from doubt 0 on everywhere, the very rays
+/// of a picture without clusters; in between, in part.
+#[test]
+fn glossy_points_gather_along_their_lobes() {
+    let mut room = Room::new("cornell");
+    room.scene.materials.iter_mut().for_each(|material| material.phong_exponent = Some(20.0));
+    // Half as many rays as `FEW` has.
+    let truth = [&FEW[..], &["clusters=off", "rays=50"]].concat();
+    let truth = room.picture("photoncut", &truth, &params(2));
+    let picture = |own: &str| {
+        room.picture("photoncut", &[&FEW[..], &["samples=60", "finer=2", own]].concat(), &params(2)).film
+    };
+    assert_eq!(picture("own=0").pixels, truth.film.pixels);
+    let off = |film: &scene::Film| -> f64 {
+        let pairs = film.pixels.iter().zip(&truth.film.pixels);
+        pairs.map(|(a, b)| f64::from((*a - *b).length_squared())).sum()
+    };
+    let (none, some) = (off(&picture("own=inf")), off(&picture("own=0.1")));
+    assert!(none > 0.0 && some < 0.8 * none, "{some} and {none}");
+}
+
 #[test]
 fn threads_do_not_show() {
     let room = Room::new("glass-cube");

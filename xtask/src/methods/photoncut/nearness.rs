@@ -227,6 +227,35 @@ mod tests {
         assert!(spread > 0.25, "{spread}");
     }
 
+    /// A camera sample on a surface that no first one saw takes the least distance around it; on one that is
+    /// seen, that of the nearest point.
+    #[test]
+    fn later_samples_take_what_lies_on_their_surface() {
+        let scene = builtin("cornell").unwrap();
+        let rays = SceneRays::build(&scene).unwrap();
+        let frame = Frame::new(&scene, &rays, &scene.lights, 1);
+        let params = RenderParams { width: 32, height: 32, ..RenderParams::default() };
+        let (points, ..) = shading_points(&frame, &scene.cameras[0], &params);
+        let mut nearness = Nearness::probe(&frame, (32, 32), &points, 0, &mut Counts::default());
+        for (i, place) in (0..).zip(&mut nearness.places) {
+            place.mean_distance = 1.0 + (i * 7 % 31) as f32;
+        }
+        let around = |point: &ShadingPoint| -> Vec<Place> {
+            let mut around = Vec::new();
+            nearness.around(point.pixel, 1, |i| around.push(nearness.places[i]));
+            around
+        };
+        for point in &points {
+            let own = nearness.places()[nearness.point_of[point.pixel as usize] as usize];
+            assert_eq!(nearness.place(point), own);
+            let least = around(point).iter().map(|place| place.mean_distance).fold(f32::INFINITY, f32::min);
+            // In front of everything around.
+            let away = point.position + 9.0 * frame.radius * point.normal;
+            let shelf = ShadingPoint { position: away, ..*point };
+            assert_eq!(nearness.place(&shelf).mean_distance, least);
+        }
+    }
+
     /// Where a box stands on the floor, or walls meet, R is small though single rays pass by: no farther than a
     /// pixel's neighbours see another surface.
     #[test]
